@@ -11,6 +11,7 @@ mod diagnosis;
 mod error;
 mod fit;
 mod joint;
+mod map;
 mod mixed;
 mod model;
 mod play;
@@ -43,6 +44,7 @@ fn _eisbench(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(series::read_capture, module)?)?;
     module.add_function(wrap_pyfunction!(series::ocv, module)?)?;
     module.add_function(wrap_pyfunction!(joint::joint, module)?)?;
+    module.add_function(wrap_pyfunction!(map::fit_map, module)?)?;
     module.add_function(wrap_pyfunction!(mixed::mixed, module)?)?;
     module.add_function(wrap_pyfunction!(mixed::t_factor, module)?)?;
     Ok(())

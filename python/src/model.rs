@@ -18,9 +18,6 @@ use crate::error::{apart, caught, json, refused};
 use crate::play::Play;
 use crate::series::Curve;
 
-/// Temperature of the surroundings of a model with a map, °C.
-const AMBIENT_DEGC: f64 = 25.0;
-
 /// A cell's model: a resistance and RC branches, with additions where a file holds some, and the
 /// open-circuit voltage where it is known.
 #[pyclass(frozen, module = "eisbench", from_py_object)]
@@ -34,6 +31,11 @@ impl Model {
     pub(crate) fn parts(&self) -> (String, Erm, Option<OcvCurve>) {
         let given = &self.given;
         (given.name.clone(), given.erm.clone(), given.ocv.clone())
+    }
+
+    /// Creates a model with a map.
+    pub(crate) fn of_map(given: GivenModel) -> Self {
+        Self { given }
     }
 
     /// Creates a model with an OCV curve.
@@ -54,6 +56,7 @@ impl Model {
         let (profile, pack, options) = play.read()?;
         Ok(Played {
             source: self.source(play.ocv_v)?,
+            ambient_degc: play.ambient_c,
             soc: soc.unwrap_or(0.5),
             profile,
             pack,
@@ -76,14 +79,19 @@ impl Model {
         self.given.map.is_some()
     }
 
-    fn sim_model(&self, source: OcvSource, pack: Pack) -> Result<SimModel, String> {
+    fn sim_model(
+        &self,
+        source: OcvSource,
+        pack: Pack,
+        ambient_degc: f64,
+    ) -> Result<SimModel, String> {
         if let Some(map) = &self.given.map {
             let OcvSource::Curve(curve) = source else {
                 let expected =
                     "expected a state of charge for a model with a map, met a constant OCV";
                 return Err(expected.to_owned());
             };
-            return SimModel::mapped(map.clone(), curve, pack, AMBIENT_DEGC)
+            return SimModel::mapped(map.clone(), curve, pack, ambient_degc)
                 .map_err(|error| error.to_string());
         }
         let augmented = self.given.augmented().map_err(|e| e.to_string())?;
@@ -98,6 +106,8 @@ impl Model {
 /// Load, pack and options of a simulation.
 struct Played {
     source: OcvSource,
+    /// Temperature of the surroundings of a model with a map, °C.
+    ambient_degc: f64,
     soc: f64,
     profile: Profile,
     pack: Pack,
@@ -131,6 +141,11 @@ impl Model {
                 .map_err(|error| refused(&format!("{place}: {error}")))
         })?;
         Ok(Self { given })
+    }
+
+    /// Returns the text of a file that the program and `read` take.
+    fn to_json(&self) -> PyResult<String> {
+        caught(|| self.given.to_json().map_err(|error| refused(&error)))
     }
 
     #[getter]
@@ -237,6 +252,7 @@ impl Model {
         high_v: f64,
         discharge_a: f64,
         charge_a: f64,
+        ambient_c: f64,
     ) -> PyResult<String> {
         let pack = Pack::new(series, parallel, interconnect_ohm).map_err(|e| refused(&e))?;
         let source = self.source(ocv_v)?;
@@ -249,7 +265,7 @@ impl Model {
             ..SopOptions::default()
         };
         apart(py, || {
-            let model = self.sim_model(source, pack)?;
+            let model = self.sim_model(source, pack, ambient_c)?;
             let start = model.rest(soc).map_err(|e| e.to_string())?;
             let limits = most_power(&model, &start, duration_s, &options);
             json(&limits.map_err(|e| e.to_string())?)
@@ -279,7 +295,7 @@ impl Model {
         let played = self.played(&play)?;
         let done = apart(py, || {
             let text = |error: &dyn std::fmt::Display| error.to_string();
-            let model = self.sim_model(played.source, played.pack)?;
+            let model = self.sim_model(played.source, played.pack, played.ambient_degc)?;
             let start = model.rest(played.soc).map_err(|e| text(&e))?;
             simulate(&model, &start, &played.profile, &played.options).map_err(|e| text(&e))
         })?;
@@ -297,7 +313,13 @@ impl Model {
             ("soc", trace.soc),
         ]
         .map(|(name, column)| (name.to_owned(), column));
-        for (name, column) in all.into_iter().chain(branches) {
+        let of_map = [
+            ("temperature_c", trace.temperature_degc),
+            ("cell_sigma_v", trace.cell_sigma_v),
+        ];
+        let of_map = of_map.into_iter().filter(|(_, column)| !column.is_empty());
+        let of_map = of_map.map(|(name, column)| (name.to_owned(), column));
+        for (name, column) in all.into_iter().chain(of_map).chain(branches) {
             columns.set_item(name, column.into_pyarray(py))?;
         }
         let summary = json(&done.summary).map_err(|e| refused(&e))?;
@@ -311,7 +333,7 @@ impl Model {
         let played = self.played(&play)?;
         let rows = apart(py, || {
             let text = |error: &dyn std::fmt::Display| error.to_string();
-            let model = self.sim_model(played.source, played.pack)?;
+            let model = self.sim_model(played.source, played.pack, played.ambient_degc)?;
             let start = model.rest(played.soc).map_err(|e| text(&e))?;
             let SimOptions {
                 beyond, max_step_s, ..

@@ -15,6 +15,7 @@ pub(crate) struct Play<'py> {
     value: PyReadonlyArray1<'py, f64>,
     pub(crate) soc: Option<f64>,
     pub(crate) ocv_v: Option<f64>,
+    pub(crate) ambient_c: f64,
     linear: bool,
     series: u32,
     parallel: u32,

@@ -23,7 +23,12 @@ pub(crate) fn read_series<'py>(
     let options = SeriesOptions {
         sign: sign.map_err(|error| refused(&format!("sign: {error}")))?,
     };
-    let ReadSeries { series, notes, .. } = apart(py, || {
+    let ReadSeries {
+        series,
+        notes,
+        state,
+        ..
+    } = apart(py, || {
         read_record(&path, &options).map_err(|error| error.to_string())
     })?;
     let columns = PyDict::new(py);
@@ -32,6 +37,9 @@ pub(crate) fn read_series<'py>(
     columns.set_item("voltage_v", series.voltage_v.into_pyarray(py))?;
     if let Some(temperature_degc) = series.temperature_degc {
         columns.set_item("temperature_c", temperature_degc.into_pyarray(py))?;
+    }
+    if let Some(net_ah) = state.net_ah {
+        columns.set_item("net_ah", net_ah.into_pyarray(py))?;
     }
     Ok((columns, notes))
 }

@@ -86,30 +86,14 @@ pub fn map(args: &MapArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The map as a model file: the map itself, and its model at half charge for tasks that know one
-/// point only.
-fn model(name: &str, curve: &OcvCurve, fit: &MapFit) -> GivenModel {
-    let map = &fit.map;
-    let nearest =
-        |a: &&f64, b: &&f64| f64::abs(**a - AMBIENT_DEGC).total_cmp(&f64::abs(**b - AMBIENT_DEGC));
-    let degc = map
-        .temperature_degc
-        .iter()
-        .min_by(nearest)
-        .copied()
-        .unwrap_or(AMBIENT_DEGC);
-    PlainModel {
-        ocv: Some(curve.clone()),
-        map: Some(map.clone()),
-        warnings: fit.notes.clone(),
-        ..PlainModel::new(name, map.model_at(0.5, degc))
-    }
-    .into()
-}
-
 fn write(folder: &Path, name: &str, curve: &OcvCurve, fit: &MapFit) -> Result<(), Failure> {
     files::make_folder(folder)?;
-    let json = model(name, curve, fit).to_json();
+    let model: GivenModel = PlainModel {
+        warnings: fit.notes.clone(),
+        ..PlainModel::of_map(name, &fit.map, curve, AMBIENT_DEGC)
+    }
+    .into();
+    let json = model.to_json();
     let json = json.map_err(|error| Failure::Analysis(error.to_string()))?;
     files::write_text(folder, "map.json", &json)?;
     if !fit.logs.is_empty() {

@@ -29,6 +29,7 @@ from ._delta import to_delta
 from ._eisbench import EisError, FileError, InternalError, Spectrum, __version__
 from ._hierarchy import Hierarchy, hierarchy
 from ._joint import Joint, Pulse, joint
+from ._map import CellMap, MapRecord, MapSpectrum, fit_map
 from ._model import Model, PowerLimits, Simulation
 from ._ocv import Ocv
 from ._results import Assessment, Branch, CircuitFit, Drt, ErmFit, Fits, Parameter, Spectra
@@ -53,6 +54,7 @@ __all__ = [
     "Branch",
     "Capture",
     "Catalog",
+    "CellMap",
     "CircuitFit",
     "Client",
     "DataSet",
@@ -67,6 +69,8 @@ __all__ = [
     "InternalError",
     "Job",
     "Joint",
+    "MapRecord",
+    "MapSpectrum",
     "Model",
     "Ocv",
     "OutcomeUnknown",
@@ -87,6 +91,7 @@ __all__ = [
     "drt",
     "fit_circuit",
     "fit_erm",
+    "fit_map",
     "fit_table",
     "hierarchy",
     "joint",

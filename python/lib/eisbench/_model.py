@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Optional, Union, overload
 
 import numpy as np
@@ -71,7 +72,7 @@ class _Play:
     """A profile and the options of its simulation, as the Rust part takes them. By default the
     simulation stops if the power cannot be delivered, and has no limits of the voltage."""
 
-    beyond, fraction = "stop", 0.95
+    beyond, fraction, ambient_c = "stop", 0.95, 25.0
     low_v, high_v = 0.0, float("inf")
 
     def __init__(
@@ -122,6 +123,10 @@ class Model:
     def read(cls, path: Union[str, "os.PathLike[str]"]) -> Model:
         """From the file of a model, of a typed model or of a fitted circuit."""
         return cls.of(_Model.read(path))
+
+    def write(self, path: Union[str, "os.PathLike[str]"]) -> None:
+        """Writes a file that :meth:`read` and the program (``--model``) take."""
+        Path(path).write_text(self._model.to_json(), encoding="utf-8")
 
     @classmethod
     def from_fit(cls, fit: ErmFit) -> Model:
@@ -189,6 +194,7 @@ class Model:
         power_w: Optional[ArrayLike] = None,
         soc: Optional[float] = None,
         ocv_v: Optional[float] = None,
+        ambient_c: float = 25.0,
         linear: bool = False,
         series: int = 1,
         parallel: int = 1,
@@ -203,10 +209,13 @@ class Model:
         Either ``current_a`` or ``power_w`` is given, at the terminals, discharge positive, one
         value for each of ``time_s``; it holds until the next time, or goes there along a line
         (``linear``). ``soc`` is the state of charge at the start, which a model with an
-        open-circuit voltage needs; ``ocv_v`` is a constant voltage in the place of that curve. ``beyond`` says what
-        happens where more power is asked for than there is: ``stop``, ``clamp`` or
-        ``extrapolate`` along the tangent from ``fraction`` of it. ``max_step_s`` makes the rows of
-        the result denser; it does not change them.
+        open-circuit voltage needs; ``ocv_v`` is a constant voltage in its place.
+        ``ambient_c`` is the temperature of the surroundings, and of the cell at the start, °C, for a
+        model with a map; the result then has ``temperature_c``, and ``cell_sigma_v``, the standard
+        deviation of the cell's voltage, if the map states its error. ``beyond`` says what happens
+        where more power is asked for than there is: ``stop``, ``clamp`` or ``extrapolate`` along
+        the tangent from ``fraction`` of it. ``max_step_s`` makes the rows of the result denser; it
+        does not change them.
 
         Raises EisError for a profile that cannot be and a model without open-circuit voltage.
         """
@@ -216,6 +225,7 @@ class Model:
             power_w,
             soc=soc,
             ocv_v=ocv_v,
+            ambient_c=ambient_c,
             linear=linear,
             series=series,
             parallel=parallel,
@@ -278,10 +288,11 @@ class Model:
         window_v: tuple[float, float] = (2.5, 4.2),
         discharge_a: float = float("inf"),
         charge_a: float = float("inf"),
+        ambient_c: float = 25.0,
     ) -> PowerLimits:
         """The largest powers that the cell, or a pack of ``series`` times ``parallel`` of it, can
         hold for ``duration_s``, s, from rest at ``soc``, within ``window_v``, V of a cell, and
-        the currents of a cell, A.
+        the currents of a cell, A; a model with a map is at ``ambient_c``, °C.
 
         Raises EisError for a model without open-circuit voltage and for limits that cannot be.
         """
@@ -296,6 +307,7 @@ class Model:
             window_v[1],
             discharge_a,
             charge_a,
+            ambient_c,
         )
         discharge, charge = json.loads(text)
         return PowerLimits(

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ._catalog import Ageing
     from ._eisbench import Spectrum
     from ._joint import Pulse
+    from ._map import CellMap
     from ._model import Simulation
     from ._results import Drt, Fit
 
@@ -71,6 +72,21 @@ def pulses(all_of_them: Sequence[Pulse], axes: Any) -> Any:
         axes.plot(pulse.time_s, mv[2], "-", color=FITTED, label="joint" if first else None)
     axes.set_xlabel("time since the edge / s")
     axes.set_ylabel("voltage less that before / mV")
+    axes.legend()
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def surfaces(of: CellMap, axes: Any) -> Any:
+    axes = _axes(axes)
+    parts = (of.r_ohm[0], of.dc_resistance_ohm)
+    for k, (degc, *rows) in enumerate(zip(of.temperature_c, *parts)):
+        colour, label = f"C{k}", f"{degc:.0f} °C"
+        axes.plot(100 * of.soc, 1e3 * rows[1], "-", color=colour, label=f"{label}, with branches")
+        axes.plot(100 * of.soc, 1e3 * rows[0], "--", color=colour, label=f"{label}, series")
+    axes.set_yscale("log")
+    axes.set_xlabel("state of charge / %")
+    axes.set_ylabel("resistance / mΩ")
     axes.legend()
     axes.grid(alpha=0.3)
     return axes

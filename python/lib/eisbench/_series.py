@@ -22,7 +22,8 @@ PathLike = Union[str, "os.PathLike[str]"]
 
 class Series(Table):
     """Current and voltage over time: ``time_s``, ``current_a`` (discharge positive),
-    ``voltage_v``, and ``temperature_c`` where it was measured; arrays of one length."""
+    ``voltage_v``, ``temperature_c`` where it was measured, and ``net_ah``, the charge that went in
+    less that which came out, where the recorder counts it; arrays of one length."""
 
     def __init__(self, columns: Mapping[str, NDArray[np.float64]], notes: tuple[str, ...] = ()):
         super().__init__(columns)

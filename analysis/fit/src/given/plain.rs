@@ -63,6 +63,20 @@ impl PlainModel {
             facts: None,
         }
     }
+
+    /// A map with its OCV curve. Tasks that know one point only get its model at half charge and the
+    /// temperature node nearest to `ambient_degc`.
+    pub fn of_map(name: &str, map: &CellMap, ocv: &OcvCurve, ambient_degc: f64) -> Self {
+        let distance_k = |degc: &&f64| (**degc - ambient_degc).abs();
+        let nodes = map.temperature_degc.iter();
+        let nearest = nodes.min_by(|a, b| distance_k(a).total_cmp(&distance_k(b)));
+        let degc = nearest.copied().unwrap_or(ambient_degc);
+        Self {
+            ocv: Some(ocv.clone()),
+            map: Some(map.clone()),
+            ..Self::new(name, map.model_at(0.5, degc))
+        }
+    }
 }
 
 /// Reads a typed model; `name` is that of a file without one.
