@@ -103,13 +103,8 @@ impl DataSet {
 
     /// Returns the diagnosis as JSON, and as text.
     fn diagnose(&self, py: Python<'_>, model: &Model) -> PyResult<(String, String)> {
-        if model.has_map() {
-            return Err(refused(
-                &"diagnose: expected a model of one point, met a map over state of charge and \
-                temperature",
-            ));
-        }
-        let (name, erm, curve) = model.parts();
+        let runs = self.locked().clone();
+        let (name, erm, curve) = model.parts_at(|curve| runs.mean_state(curve));
         let curve = curve.ok_or_else(|| {
             refused(&"diagnose: expected a model with an OCV curve (with_ocv), met none")
         })?;
@@ -118,7 +113,6 @@ impl DataSet {
             erm,
             ocv: curve,
         };
-        let runs = self.locked().clone();
         apart(py, || {
             let outcome = judge(&runs, Vec::new(), &base, &DiagnosisOptions::default());
             let diagnosis = outcome.map_err(|error| error.to_string())?.diagnosis;

@@ -27,10 +27,18 @@ pub(crate) struct Model {
 }
 
 impl Model {
-    /// Returns the name, model and open-circuit voltage without additions.
-    pub(crate) fn parts(&self) -> (String, Erm, Option<OcvCurve>) {
-        let given = &self.given;
-        (given.name.clone(), given.erm.clone(), given.ocv.clone())
+    /// Returns the name, model and open-circuit voltage without additions; those of a map at a state,
+    /// which is state of charge and temperature, °C.
+    pub(crate) fn parts_at(
+        &self,
+        state: impl Fn(&OcvCurve) -> Option<(f64, f64)>,
+    ) -> (String, Erm, Option<OcvCurve>) {
+        let state = self.given.ocv.as_ref().and_then(state);
+        let given = match state {
+            Some((soc, degc)) => self.given.at_state(soc, degc),
+            None => self.given.clone(),
+        };
+        (given.name, given.erm, given.ocv)
     }
 
     /// Creates a model with a map.
@@ -72,11 +80,6 @@ impl Model {
                 &"expected ocv_v, or a model with an OCV curve (with_ocv), met neither",
             )),
         }
-    }
-
-    /// Returns whether the model has a map over state of charge and temperature.
-    pub(crate) fn has_map(&self) -> bool {
-        self.given.map.is_some()
     }
 
     fn sim_model(

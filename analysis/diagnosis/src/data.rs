@@ -2,6 +2,7 @@
 //! its history.
 
 use analysis_effects::{augmented::Between, contract::CommonModeImpedance};
+use analysis_model::ocv::OcvCurve;
 use analysis_signal::{calibration::CommonError, history::BenchHistory, series::TimeSeries};
 use num_complex::Complex64;
 
@@ -24,6 +25,28 @@ pub struct DataSet {
     /// Common error of the correction by control impedances in all spectra; the points' own σ do
     /// not contain it then.
     pub calibration: Option<CommonError>,
+}
+
+impl DataSet {
+    /// Returns the mean state of charge and temperature, °C, at which the runs start, those without a
+    /// state on the curve left out; `None` without runs.
+    pub fn mean_state(&self, ocv: &OcvCurve) -> Option<(f64, f64)> {
+        let of_run = |run: &Run| {
+            let soc = match run.start {
+                Start::Soc(soc) => soc,
+                Start::Ocv(ocv_v) => ocv.soc_at(ocv_v)?,
+            };
+            Some((soc, run.temperature_degc))
+        };
+        let cells = self.runs.iter();
+        let cells = cells.filter(|run| matches!(run.fixture, Fixture::Cell(_)));
+        let states: Vec<(f64, f64)> = cells.filter_map(of_run).collect();
+        let (soc, degc) = states
+            .iter()
+            .fold((0.0, 0.0), |sum, state| (sum.0 + state.0, sum.1 + state.1));
+        let count = states.len() as f64;
+        (!states.is_empty()).then(|| (soc / count, degc / count))
+    }
 }
 
 /// One run.

@@ -141,11 +141,15 @@ fn exports_take_a_map_and_a_task_of_one_point_says_so_or_refuses_it() {
         "{}/../configs/datasets/panasonic_50soc",
         env!("CARGO_MANIFEST_DIR")
     );
-    let (code, _, error) = program(&["diagnose", &set, "--model", model]).parts();
+    // The runs begin at 50 % of charge and 25 °C; a diagnosis judges the map's model there.
+    let base = ["diagnose", &set, "--model", model, "--base-only", "--json"];
+    let (code, out, error) = program(&base).parts();
     assert!(
-        code != 0 && error.contains("expected a model of one point"),
+        code == 0 && error.contains("that of the map at 50.0 % of charge and 25.0 °C"),
         "{error}"
     );
+    let judged: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert!(judged["base"].is_object(), "{out}");
     let (code, _, error) = program(&[
         "sop",
         "--model",

@@ -23,6 +23,9 @@ use analysis_model::{
 pub use model::GivenModel;
 use serde_json::Value;
 
+/// Least resistance of a branch at one state of a map, as a part of the whole.
+const LEAST_BRANCH: f64 = 1e-4;
+
 impl GivenModel {
     /// Creates a model from its components alone.
     ///
@@ -138,6 +141,32 @@ impl GivenModel {
             file.refused.extend(fresh);
         }
         self
+    }
+
+    /// Returns a model with a map as that of one state of charge and temperature, °C, for small signals;
+    /// a model without a map stays. Branches that the map has switched off there are left out, and the
+    /// OCV curve has the map's correction, if the corrected knots rise.
+    #[must_use]
+    pub fn at_state(&self, soc: f64, temperature_degc: f64) -> Self {
+        let Some(map) = &self.map else {
+            return self.clone();
+        };
+        let mut erm = map.model_at(soc, temperature_degc);
+        let least_ohm = LEAST_BRANCH * erm.dc_resistance_ohm();
+        erm.branches.retain(|branch| branch.r_ohm >= least_ohm);
+        let corrected = self.ocv.as_ref().and_then(|curve| {
+            let knots = curve.soc.iter().zip(&curve.ocv_v).map(|(z, v)| {
+                let at = map.place(*z, temperature_degc);
+                v + map.ocv_correction_v(&at, temperature_degc)
+            });
+            OcvCurve::monotone(curve.capacity_ah, curve.soc.clone(), knots.collect()).ok()
+        });
+        Self {
+            erm,
+            ocv: corrected.or_else(|| self.ocv.clone()),
+            map: None,
+            ..self.clone()
+        }
     }
 
     /// Returns a note for tasks that know one point only; `None` for a model without a map.

@@ -20,7 +20,7 @@ use bench_evaluate::{
     investigate::dataset::{Accept, Loaded, NamedFile, NamedFiles, Reading, named_files, read_as},
     run::Recorded,
 };
-use bench_plan::support::quoted::quoted;
+use bench_plan::support::{quoted::quoted, terminal::remark};
 
 /// Findings on the data of a cell.
 #[derive(Debug, Serialize)]
@@ -112,22 +112,32 @@ impl Judged {
         }
         let curve = curve
             .ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
-        if file.map.is_some() {
-            return Err(fail(
-                "expected a model of one point, found a map over state of charge and temperature",
-            ));
-        }
+        let reading = Reading {
+            refused_points,
+            ..Reading::default()
+        };
+        let loaded = read_as(data, reading)?;
+        let (file, curve) = if file.map.is_some() {
+            let state = loaded.set.mean_state(&curve);
+            let (soc, degc) = state
+                .ok_or_else(|| fail("expected runs with a state on its OCV curve, found none"))?;
+            remark!(
+                "the model is that of the map at {:.1} % of charge and {degc:.1} °C, the mean of the runs",
+                100.0 * soc
+            );
+            let file = file.with_ocv(Some(curve.clone())).at_state(soc, degc);
+            let curve = file.ocv.clone().unwrap_or(curve);
+            (file, curve)
+        } else {
+            (file, curve)
+        };
         let model = BaseModel {
             name: file.name.clone(),
             erm: file.erm.clone(),
             ocv: curve,
         };
-        let reading = Reading {
-            refused_points,
-            ..Reading::default()
-        };
         Ok(Self {
-            loaded: read_as(data, reading)?,
+            loaded,
             model,
             file,
             data: data.to_owned(),
