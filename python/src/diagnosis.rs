@@ -5,8 +5,8 @@ use std::sync::{Mutex, PoisonError};
 use analysis::augmented::Between;
 use analysis::contract::CommonModeImpedance;
 use analysis::diagnosis::{
-    BaseModel, DataSet as Runs, DiagnosisOptions, Fixture, Role, Run, RunData, Start, Sweep,
-    SweepPoint, TimeRecord, diagnose as judge, report,
+    DataSet as Runs, DiagnosisOptions, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
+    TimeRecord, diagnose as judge, report,
 };
 use pyo3::prelude::*;
 
@@ -104,18 +104,11 @@ impl DataSet {
     /// Returns the diagnosis as JSON, and as text.
     fn diagnose(&self, py: Python<'_>, model: &Model) -> PyResult<(String, String)> {
         let runs = self.locked().clone();
-        let (name, erm, curve) = model.parts_at(|curve| runs.mean_state(curve));
-        let curve = curve.ok_or_else(|| {
-            refused(&"diagnose: expected a model with an OCV curve (with_ocv), met none")
-        })?;
-        let base = BaseModel {
-            name,
-            erm,
-            ocv: curve,
-        };
+        let (base, notes) = model.base(&runs).map_err(|error| refused(&error))?;
         apart(py, || {
             let outcome = judge(&runs, Vec::new(), &base, &DiagnosisOptions::default());
-            let diagnosis = outcome.map_err(|error| error.to_string())?.diagnosis;
+            let mut diagnosis = outcome.map_err(|error| error.to_string())?.diagnosis;
+            diagnosis.notes.extend(notes.clone());
             Ok((json(&diagnosis)?, report::text(&diagnosis)))
         })
     }

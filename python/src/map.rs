@@ -11,6 +11,9 @@ use crate::model::Model;
 use crate::series::{Columns, Curve};
 use crate::spectrum::Spectrum;
 
+/// Temperature whose node gives the model for tasks that know one point only, °C.
+const AMBIENT_DEGC: f64 = 25.0;
+
 /// A record and its circumstances.
 #[derive(FromPyObject)]
 pub(crate) struct MapRecord<'py> {
@@ -66,7 +69,7 @@ pub(crate) fn fit_map(
         let fit = fit(&data, &curve, &options).map_err(|error| error.to_string())?;
         let model = PlainModel {
             warnings: fit.notes.clone(),
-            ..PlainModel::of_map(&wishes.name, &fit.map, &curve, wishes.ocv_temperature_c)
+            ..PlainModel::of_map(&wishes.name, &fit.map, &curve, AMBIENT_DEGC)
         };
         Ok((json(&fit)?, Model::of_map(model.into())))
     })

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use analysis::diagnosis::{BaseModel, DataSet};
 use analysis::formats::model::{CellModel, ModelFormat};
 use analysis::forward::{
     CellWindow, OcvSource, Profile, SensitivityRow, SimModel, SimOptions, sensitivity, simulate,
@@ -27,18 +28,32 @@ pub(crate) struct Model {
 }
 
 impl Model {
-    /// Returns the name, model and open-circuit voltage without additions; those of a map at a state,
-    /// which is state of charge and temperature, °C.
-    pub(crate) fn parts_at(
-        &self,
-        state: impl Fn(&OcvCurve) -> Option<(f64, f64)>,
-    ) -> (String, Erm, Option<OcvCurve>) {
-        let state = self.given.ocv.as_ref().and_then(state);
-        let given = match state {
-            Some((soc, degc)) => self.given.at_state(soc, degc),
-            None => self.given.clone(),
+    /// Returns the base that a diagnosis of runs judges, without additions, and remarks on it: for a map
+    /// its model at the state of the runs.
+    pub(crate) fn base(&self, runs: &DataSet) -> Result<(BaseModel, Vec<String>), String> {
+        let given = &self.given;
+        let curve = given.ocv.as_ref();
+        let curve =
+            curve.ok_or("diagnose: expected a model with an OCV curve (with_ocv), met none")?;
+        let mut base = BaseModel {
+            name: given.name.clone(),
+            erm: given.erm.clone(),
+            ocv: curve.clone(),
         };
-        (given.name, given.erm, given.ocv)
+        if given.map.is_none() {
+            return Ok((base, Vec::new()));
+        }
+        let state = runs.mean_state(curve);
+        let state =
+            state.ok_or("diagnose: expected runs with a state on the OCV curve, met none")?;
+        let mut notes = Vec::new();
+        if let Some((model, note)) = given.at_state(state.soc, state.temperature_degc) {
+            base.erm = model.erm;
+            base.ocv = model.ocv.unwrap_or(base.ocv);
+            notes.push(note);
+        }
+        notes.extend(state.remark());
+        Ok((base, notes))
     }
 
     /// Creates a model with a map.

@@ -52,6 +52,7 @@ def found():
         eb.MapRecord(record(25, 1), "warm", soc_start=1.0),
         eb.MapRecord(record(0, 2), "cold", soc_start=1.0),
         eb.MapRecord(record(12, 3), "between", soc_start=1.0, held_out=True),
+        eb.MapRecord(record(20, 4), "other", soc_start=1.0, held_out=True),
     ]
     return eb.fit_map(records, curve(), time_constants_s=[5.0, 50.0, 500.0])
 
@@ -69,6 +70,7 @@ def test_a_temperature_between_is_predicted_and_lies_in_the_band(found):
     between = next(one for one in found.records if one["name"] == "between")
     assert between["role"] == "held_out"
     assert between["rms_v"] < 1.5e-3
+    # Within the band that the other held-out record shows.
     assert between["covered"] > 0.9
     assert found.raw["map"]["voltage_error"]["from"] == "held_out"
     assert "between" in str(found)

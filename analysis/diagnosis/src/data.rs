@@ -27,10 +27,40 @@ pub struct DataSet {
     pub calibration: Option<CommonError>,
 }
 
+/// Distance of two states of charge, and of two temperatures, K, that one model of small signals covers.
+const NEAR_SOC: f64 = 0.1;
+const NEAR_K: f64 = 5.0;
+
+/// State at which the runs of a cell start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeanState {
+    /// Mean state of charge, 0…1.
+    pub soc: f64,
+    /// Mean temperature, °C.
+    pub temperature_degc: f64,
+    /// Largest difference of the states of charge.
+    pub spread_soc: f64,
+    /// Largest difference of the temperatures, K.
+    pub spread_k: f64,
+}
+
+impl MeanState {
+    /// Returns a remark if one model does not cover the runs.
+    pub fn remark(&self) -> Option<String> {
+        (self.spread_soc > NEAR_SOC || self.spread_k > NEAR_K).then(|| {
+            format!(
+                "the runs start at states up to {:.2} of charge and {:.1} K apart, which one model of small \
+                signals does not cover: part of the gap may be the distance from its state",
+                self.spread_soc, self.spread_k
+            )
+        })
+    }
+}
+
 impl DataSet {
-    /// Returns the mean state of charge and temperature, °C, at which the runs start, those without a
-    /// state on the curve left out; `None` without runs.
-    pub fn mean_state(&self, ocv: &OcvCurve) -> Option<(f64, f64)> {
+    /// Returns the state at which the runs of cells start, those without a state on the curve left out;
+    /// `None` without runs.
+    pub fn mean_state(&self, ocv: &OcvCurve) -> Option<MeanState> {
         let of_run = |run: &Run| {
             let soc = match run.start {
                 Start::Soc(soc) => soc,
@@ -41,11 +71,23 @@ impl DataSet {
         let cells = self.runs.iter();
         let cells = cells.filter(|run| matches!(run.fixture, Fixture::Cell(_)));
         let states: Vec<(f64, f64)> = cells.filter_map(of_run).collect();
-        let (soc, degc) = states
-            .iter()
-            .fold((0.0, 0.0), |sum, state| (sum.0 + state.0, sum.1 + state.1));
-        let count = states.len() as f64;
-        (!states.is_empty()).then(|| (soc / count, degc / count))
+        if states.is_empty() {
+            return None;
+        }
+        let mean_and_spread = |of: fn(&(f64, f64)) -> f64| {
+            let low = states.iter().map(of).fold(f64::INFINITY, f64::min);
+            let high = states.iter().map(of).fold(f64::NEG_INFINITY, f64::max);
+            let sum: f64 = states.iter().map(of).sum();
+            (sum / states.len() as f64, high - low)
+        };
+        let (soc, spread_soc) = mean_and_spread(|state| state.0);
+        let (temperature_degc, spread_k) = mean_and_spread(|state| state.1);
+        Some(MeanState {
+            soc,
+            temperature_degc,
+            spread_soc,
+            spread_k,
+        })
     }
 }
 

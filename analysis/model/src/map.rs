@@ -19,7 +19,10 @@ pub use charge_transfer::{ChargeTransfer, Drive};
 pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
 pub use error::{BAND_SIGMAS, ErrorSource, VoltageError};
 
-use crate::model::{Erm, RcBranch};
+use crate::{
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -398,6 +401,16 @@ impl CellMap {
             .iter()
             .map(|(k, share)| share * (self.ocv_offset_v[*k] + warmer_k * self.ocv_v_per_k[*k]))
             .sum()
+    }
+
+    /// Returns an OCV curve with the correction at a temperature, °C; `None` if the corrected knots do not
+    /// rise.
+    pub fn corrected(&self, curve: &OcvCurve, temperature_degc: f64) -> Option<OcvCurve> {
+        let knots = curve.soc.iter().zip(&curve.ocv_v).map(|(soc, ocv_v)| {
+            let at = self.place(*soc, temperature_degc);
+            ocv_v + self.ocv_correction_v(&at, temperature_degc)
+        });
+        OcvCurve::monotone(curve.capacity_ah, curve.soc.clone(), knots.collect()).ok()
     }
 
     /// Returns the weights of the nodes at a place in a surface with this activation energy, as

@@ -144,8 +144,8 @@ fn table_of_spectra(spectra: &[SpectrumScore]) -> String {
             score.soc,
             score.temperature_degc,
             number(Some(score.rms_part), 100.0),
-            number(score.left_out_part, 100.0),
-            number(score.left_out_sigma_part, 100.0)
+            number(score.left_out.map(|left| left.part), 100.0),
+            number(score.left_out.map(|left| left.sigma_part), 100.0)
         ));
     }
     table

@@ -29,7 +29,7 @@ fn pulses_of_two_temperatures_become_a_model_that_sop_and_simulate_follow() {
     let (code, text, error) = map(&out, &["--name", "NCR18650PF"]);
     assert_eq!(code, 0, "{error}");
     assert!(
-        text.starts_with("error on fitted logs (none was held out):"),
+        text.starts_with("error on pieces of the logs, each left out of a fit:"),
         "{text}"
     );
     let model = out.join("map.json");

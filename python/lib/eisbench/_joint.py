@@ -15,7 +15,7 @@ from ._eisbench import EisError, Spectrum
 from ._model import Model
 from ._ocv import Ocv
 from ._results import html_table, significant, text_table
-from ._series import record_of
+from ._series import Fields, record_of
 
 
 @dataclass(frozen=True)
@@ -104,13 +104,6 @@ class Joint:
         return pulses(self.pulses, axes)
 
 
-class _Wishes:
-    """Wishes as the half in Rust takes them."""
-
-    def __init__(self, **told: Any) -> None:
-        self.__dict__.update(told)
-
-
 def _pulse(role: str, rows: list[list[float]]) -> Pulse:
     columns = np.array(rows, dtype=np.float64).reshape(-1, 4).T
     return Pulse(role, columns[0], columns[1], columns[2], columns[3])
@@ -140,7 +133,7 @@ def joint(
     if isinstance(rc, str) and rc != "auto":
         raise EisError(f"rc: expected a number or 'auto', met {rc!r}")
     cells = [spectrum.without_flagged() for spectrum in spectra if spectrum.is_unbiased_cell]
-    wishes = _Wishes(
+    wishes = Fields(
         rc=None if isinstance(rc, str) else int(rc),
         at_v=at_v,
         within_v=within_v,

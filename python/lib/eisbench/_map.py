@@ -15,7 +15,7 @@ from ._eisbench import EisError, Spectrum
 from ._model import Model
 from ._ocv import Ocv
 from ._results import html_table, significant, text_table
-from ._series import record_of
+from ._series import Fields, record_of
 from ._table import columns_of, numbers
 
 
@@ -92,7 +92,7 @@ class CellMap:
 
     @property
     def spectra(self) -> list[dict[str, Any]]:
-        """What the map misses of each spectrum: ``name``, ``rms_part``, ``left_out_part``, …"""
+        """What the map misses of each spectrum: ``name``, ``rms_part``, ``left_out``, …"""
         return list(self.raw["spectra"])
 
     @property
@@ -118,7 +118,8 @@ class CellMap:
             rows.append([one["name"], *place, *error, number(one["covered"], 100.0, "")])
         for one in self.spectra:
             fitted = one["role"] == "train"
-            unseen = one["left_out_part"] if fitted else one["rms_part"]
+            left_out = one["left_out"]
+            unseen = one["rms_part"] if not fitted else left_out and left_out["part"]
             error = [number(part, 100.0, " %") for part in (one["rms_part"], unseen)]
             place = ["yes" if fitted else "no", significant(one["temperature_degc"], 3)]
             rows.append([one["name"], *place, *error, "–"])
@@ -137,18 +138,11 @@ class CellMap:
         return surfaces(self, axes)
 
 
-class _Object:
-    """Fields as the half in Rust takes them."""
-
-    def __init__(self, **fields: Any) -> None:
-        self.__dict__.update(fields)
-
-
-def _record(given: Any) -> _Object:
+def _record(given: Any) -> Fields:
     record = given if isinstance(given, MapRecord) else MapRecord(given)
     found = columns_of(record.series, ("time_s", "current_a", "voltage_v"))
     column = {k: numbers(k, found[k]) for k in ("temperature_c", "net_ah") if k in found}
-    return _Object(
+    return Fields(
         name=record.name,
         held_out=record.held_out,
         columns=record_of(record.series),
@@ -173,7 +167,7 @@ def fit_map(
     ``records`` are :class:`MapRecord`, or records with a column ``temperature_c`` that begin at
     rest. ``ocv`` is the open-circuit voltage at ``ocv_temperature_c``, °C. A record that is
     ``held_out`` shows the error on data that the fit has not seen; without one, each record is
-    also predicted piece by piece from all others.
+    also predicted piece by piece from everything but the piece.
 
     Raises EisError for records that do not state their charge or temperature, and for data that
     do not determine a map.
@@ -184,7 +178,7 @@ def fit_map(
             expected = "expected a spectrum of a cell without a direct current"
             raise EisError(f"{sweep.spectrum.name}: {expected}")
     taus_s = None if time_constants_s is None else [float(tau_s) for tau_s in time_constants_s]
-    wishes = _Object(
+    wishes = Fields(
         name=name, time_constants_s=taus_s, ocv_temperature_c=float(ocv_temperature_c)
     )
     rows = [_record(record) for record in records]

@@ -95,11 +95,11 @@ def ocv(
     return Ocv(text)
 
 
-class _About:
-    """Properties of a run beside its data."""
+class Fields:
+    """Named values as the half in Rust takes them."""
 
-    def __init__(self, **told: Any) -> None:
-        self.__dict__.update(told)
+    def __init__(self, **values: Any) -> None:
+        self.__dict__.update(values)
 
 
 class Diagnosis:
@@ -195,8 +195,8 @@ def _about(
     repeat_group: Optional[str],
     start_s: float,
     temperature_c: float,
-) -> _About:
-    return _About(
+) -> Fields:
+    return Fields(
         name=name,
         held_out=held_out,
         repeat_group=name if repeat_group is None else repeat_group,

@@ -143,30 +143,35 @@ impl GivenModel {
         self
     }
 
-    /// Returns a model with a map as that of one state of charge and temperature, °C, for small signals;
-    /// a model without a map stays. Branches that the map has switched off there are left out, and the
-    /// OCV curve has the map's correction, if the corrected knots rise.
-    #[must_use]
-    pub fn at_state(&self, soc: f64, temperature_degc: f64) -> Self {
-        let Some(map) = &self.map else {
-            return self.clone();
-        };
+    /// Returns a model with a map as that of one state of charge and temperature, °C, for small signals.
+    /// Branches that the map has switched off there are left out, and the
+    /// OCV curve has the map's correction. Also returns sentences that name the state, and what had to be
+    /// left; `None` for a model without a map.
+    pub fn at_state(&self, soc: f64, temperature_degc: f64) -> Option<(Self, String)> {
+        let map = self.map.as_ref()?;
         let mut erm = map.model_at(soc, temperature_degc);
         let least_ohm = LEAST_BRANCH * erm.dc_resistance_ohm();
         erm.branches.retain(|branch| branch.r_ohm >= least_ohm);
-        let corrected = self.ocv.as_ref().and_then(|curve| {
-            let knots = curve.soc.iter().zip(&curve.ocv_v).map(|(z, v)| {
-                let at = map.place(*z, temperature_degc);
-                v + map.ocv_correction_v(&at, temperature_degc)
-            });
-            OcvCurve::monotone(curve.capacity_ah, curve.soc.clone(), knots.collect()).ok()
-        });
-        Self {
+        let curve = self.ocv.as_ref();
+        let corrected = curve.and_then(|curve| map.corrected(curve, temperature_degc));
+        let mut note = format!(
+            "the model is that of the map at {:.1} % of charge and {temperature_degc:.1} °C",
+            100.0 * soc
+        );
+        if corrected.is_none() && curve.is_some() {
+            note += "; its OCV curve does not have the map's correction, which would make it fall";
+        }
+        let outside = map.place(soc, temperature_degc).outside;
+        if outside.is_outside() {
+            note += &format!("; it {outside}");
+        }
+        let model = Self {
             erm,
             ocv: corrected.or_else(|| self.ocv.clone()),
             map: None,
             ..self.clone()
-        }
+        };
+        Some((model, note))
     }
 
     /// Returns a note for tasks that know one point only; `None` for a model without a map.

@@ -1,11 +1,11 @@
 //! Measures the error of a map's voltage, from logs that it has not seen.
 //!
-//! Without held-out logs, each fitted log is cut into pieces, and each piece is predicted by a map that
-//! is fitted to everything else: the equations lose its rows and are solved again.
+//! Without enough held-out logs, each fitted log is cut into pieces, and each piece is predicted by a map
+//! whose resistances and corrections of the OCV are fitted to everything else: the equations lose its
+//! rows and are solved again. Activation energies, exchange current and lag stay those of all data.
 
 use super::design::Design;
 use super::log::Log;
-use super::rows::CHUNK;
 use super::score::{LEAST_SOC, LogErrors, residuals};
 use super::solve::{Kinetics, Normal, Solved};
 use super::train::{CORRELATION_S, ERROR_V, SOC_ERROR, Train};
@@ -17,14 +17,37 @@ use analysis_model::{
 use analysis_signal::series::Role;
 use nalgebra::{DMatrix, DVector};
 
-/// Pieces of a log at most.
+/// Pieces of a log.
 pub(super) const PIECES: usize = 6;
+/// Time above SOC 0.1 that held-out logs must have to show the error, s: some correlation times.
+const LEAST_HELD_OUT_S: f64 = 6.0 * CORRELATION_S;
 /// Rounds in which the weights of the squares follow their expectation.
 const ROUNDS: usize = 8;
-/// Weight of the expectation that neighbouring temperatures have the same share.
+/// Weight of the expectation that neighbouring temperatures have the same share, as a part of what the
+/// data say of the share that they determine best.
 const ALIKE: f64 = 0.1;
 /// Least variance that is expected of a sample, V²: that of 3 mV. Rests would decide alone otherwise.
 const LEAST_V2: f64 = 1e-5;
+
+/// Chooses the data that show the error: held-out logs, if they are long enough above SOC 0.1.
+pub(super) fn source(logs: &[Log]) -> ErrorSource {
+    let held_out = logs.iter().filter(|log| log.role == Role::HeldOut);
+    let counted = held_out.flat_map(|log| counted(log, 1).map(|(_, stands_s)| stands_s));
+    if counted.sum::<f64>() >= LEAST_HELD_OUT_S {
+        ErrorSource::HeldOut
+    } else {
+        ErrorSource::LeftOut
+    }
+}
+
+/// Samples of a log above SOC 0.1, and the time that each stands for, s.
+fn counted(log: &Log, every: usize) -> impl Iterator<Item = (usize, f64)> {
+    let samples = &log.samples;
+    (every..log.len()).step_by(every).filter_map(move |k| {
+        let stands_s = (samples.time_s[k] - samples.time_s[k - every]).min(CORRELATION_S);
+        (samples.soc[k] > LEAST_SOC && stands_s > 0.0).then_some((k, stands_s))
+    })
+}
 
 /// Predicts each fitted log piece by piece, from everything else: measured less predicted voltage, V,
 /// at each sample; not a number in a piece without which the equations have no solution.
@@ -36,16 +59,20 @@ pub(super) fn predict_left_out(
     solved: &Solved,
 ) -> Vec<Vec<f64>> {
     let of_log = |log: &&Log| {
-        let chunks = log.rows().div_ceil(CHUNK);
-        let per_piece = chunks.div_ceil(PIECES);
-        let mut pieces = vec![Normal::new(design.count()); chunks.div_ceil(per_piece)];
+        let per_piece = log.rows().div_ceil(PIECES);
+        let mut pieces = vec![Normal::new(design.count()); log.rows().div_ceil(per_piece)];
         let weight = |stands_s: f64, soc: f64| train.weight(stands_s, soc);
-        let mut chunk = 0;
+        let mut row = 0;
         design.add_log(log, train.lag_s, kinetics, weight, &mut |rows, y| {
-            pieces[chunk / per_piece].add(rows, y);
-            chunk += 1;
+            let mut from = 0;
+            while from < rows.nrows() {
+                let count = (per_piece - row % per_piece).min(rows.nrows() - from);
+                let (part, right) = (rows.rows(from, count), y.rows(from, count));
+                pieces[row / per_piece].add(&part.into_owned(), &right.into_owned());
+                (from, row) = (from + count, row + count);
+            }
         });
-        let samples = per_piece * CHUNK * log.every();
+        let samples = per_piece * log.every();
         let mut errors_v = vec![f64::NAN; log.len()];
         for (own, part) in pieces.iter().zip(errors_v.chunks_mut(samples).enumerate()) {
             let mut others = all.clone();
@@ -62,35 +89,45 @@ pub(super) fn predict_left_out(
     train.logs.iter().map(of_log).collect()
 }
 
-/// Measures the error on held-out logs, or without any on the left-out pieces of the fitted ones; `None`
-/// if no log lies above SOC 0.1.
-pub(super) fn measure(
+/// Writes the error into the map, and how much of each log lies in the band that the others show.
+pub(super) fn write(
+    map: &mut CellMap,
+    ocv: &OcvCurve,
+    from: ErrorSource,
+    logs: &[Log],
+    errors: &mut [LogErrors],
+) {
+    for own in 0..logs.len() {
+        let Some(errors_v) = errors[own].unseen(from, &logs[own]) else {
+            continue;
+        };
+        let others = logs.iter().zip(&*errors).enumerate();
+        let others = others.filter(|(other, _)| *other != own);
+        map.voltage_error = measure(map, ocv, from, others.map(|(_, both)| both));
+        let covered = covered(map, ocv, &logs[own], errors_v);
+        errors[own].covered = covered;
+    }
+    map.voltage_error = measure(map, ocv, from, logs.iter().zip(&*errors));
+}
+
+/// Measures the error on logs with what a map that has not seen them misses; `None` if none lies above
+/// SOC 0.1.
+fn measure<'a>(
     map: &CellMap,
     ocv: &OcvCurve,
-    logs: &[Log],
-    errors: &[LogErrors],
+    from: ErrorSource,
+    logs: impl Iterator<Item = (&'a Log, &'a LogErrors)>,
 ) -> Option<VoltageError> {
-    let from = if logs.iter().any(|log| log.role == Role::HeldOut) {
-        ErrorSource::HeldOut
-    } else {
-        ErrorSource::LeftOut
-    };
-    let nodes = map.temperature_degc.len();
-    let terms = 1 + nodes;
+    let terms = 1 + map.temperature_degc.len();
     let (mut features, mut squares, mut stands) = (Vec::new(), Vec::new(), Vec::new());
-    for (log, errors) in logs.iter().zip(errors) {
-        let errors_v = match (from, &errors.left_out) {
-            (ErrorSource::HeldOut, _) if log.role == Role::HeldOut => &errors.of_map,
-            (ErrorSource::LeftOut, Some(errors_v)) => errors_v,
-            _ => continue,
+    for (log, errors) in logs {
+        let Some(errors_v) = errors.unseen(from, log) else {
+            continue;
         };
         let samples = &log.samples;
-        let mut last_s = samples.time_s[0];
-        for k in (0..log.len()).step_by(log.every()) {
+        for (k, stands_s) in counted(log, log.every()) {
             let (soc, error_v) = (samples.soc[k], errors_v[k]);
-            let stands_s = (samples.time_s[k] - last_s).min(CORRELATION_S);
-            last_s = samples.time_s[k];
-            if soc <= LEAST_SOC || !error_v.is_finite() || stands_s <= 0.0 {
+            if !error_v.is_finite() {
                 continue;
             }
             let mut row = vec![0.0; terms];
@@ -155,15 +192,14 @@ pub(super) fn variances(
     found
 }
 
-/// Expects neighbouring nodes to have the same share, a tenth as firmly as the data of the less known of
-/// both say theirs, or as those of the better known if the other has none.
+/// Expects neighbouring nodes to have the same share, so that a node with few samples, or with none, has
+/// that of its neighbours.
 fn couple(normal: &mut DMatrix<f64>) {
-    let diagonal = normal.diagonal();
-    for (a, b) in (1..diagonal.len()).zip(2..diagonal.len()) {
-        let (less, more) = (diagonal[a].min(diagonal[b]), diagonal[a].max(diagonal[b]));
-        let factor = ALIKE * if less > 0.0 { less } else { more };
+    let nodes = 1..normal.nrows();
+    let most = nodes.fold(0.0, |most: f64, k| most.max(normal[(k, k)]));
+    for (a, b) in (1..normal.nrows()).zip(2..normal.nrows()) {
         for (i, j, sign) in [(a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)] {
-            normal[(i, j)] += sign * factor;
+            normal[(i, j)] += sign * ALIKE * most;
         }
     }
 }
@@ -182,15 +218,11 @@ pub(super) fn overpotential_v(map: &CellMap, log: &Log, k: usize, error_v: f64) 
 pub(super) fn covered(map: &CellMap, ocv: &OcvCurve, log: &Log, errors_v: &[f64]) -> Option<f64> {
     let samples = &log.samples;
     let (mut inside_s, mut all_s) = (0.0, 0.0);
-    for k in 1..log.len() {
+    for (k, stands_s) in counted(log, 1).filter(|(k, _)| errors_v[*k].is_finite()) {
         let soc = samples.soc[k];
-        if soc <= LEAST_SOC {
-            continue;
-        }
         let at = map.place(soc, samples.temperature_degc[k]);
         let overpotential_v = overpotential_v(map, log, k, errors_v[k]);
         let sigma_v = map.sigma_v(&at, ocv.slope_v(soc), overpotential_v)?;
-        let stands_s = (samples.time_s[k] - samples.time_s[k - 1]).min(CORRELATION_S);
         all_s += stands_s;
         if errors_v[k].abs() <= BAND_SIGMAS * sigma_v {
             inside_s += stands_s;

@@ -1,7 +1,6 @@
 use super::design::Design;
 use super::error::*;
 use super::log::Log;
-use super::rows::CHUNK;
 use super::score::residuals;
 use super::solve::START;
 use super::tests::{curve, log, of_logs, options};
@@ -42,6 +41,11 @@ fn the_error_of_one_held_out_log_covers_another() {
         assert!((0.07..0.09).contains(share), "{error:?}");
     }
     assert!(error.rest_v < 4e-3, "{error:?}");
+    for score in &fit.logs[2..] {
+        // By the error that the other held-out log shows.
+        assert!(score.covered.unwrap() > 0.9, "{score:?}");
+    }
+    assert_eq!(fit.logs[0].covered, None);
     let other = Log::new(&bent("other", 12.0, 5, Role::HeldOut), &curve()).unwrap();
     let errors_v = residuals(&fit.map, &other, fit.lag_s);
     let inside = covered(&fit.map, &curve(), &other, &errors_v).unwrap();
@@ -79,8 +83,7 @@ fn last_piece(log: &MapLog) -> [Vec<f64>; 2] {
 }
 
 fn last_piece_begins(log: &Log) -> usize {
-    let per_piece = log.rows().div_ceil(CHUNK).div_ceil(PIECES);
-    let samples = per_piece * CHUNK * log.every();
+    let samples = log.rows().div_ceil(PIECES) * log.every();
     (log.len() - 1) / samples * samples
 }
 
@@ -108,14 +111,47 @@ fn a_piece_is_predicted_without_its_own_samples() {
 
 #[test]
 fn a_temperature_without_samples_has_the_share_of_its_neighbour() {
-    let rows = DMatrix::from_fn(400, 3, |i, j| match j {
-        0 => 1e-4,
-        1 => 1e-2 * (1 + i % 7) as f64,
+    // Node 1 has samples, node 2 some by a small weight with other errors, nodes 3 and 4 have none.
+    let rows = DMatrix::from_fn(400, 5, |i, j| match (j, i) {
+        (0, _) => 1e-4,
+        (1, _) => 1e-2 * (1 + i % 7) as f64,
+        (2, 0..20) => 1e-3,
         _ => 0.0,
     });
-    let truth = DVector::from_vec(vec![0.25, 0.04, 0.0]);
-    let found = variances(&rows, &(&rows * &truth), &DVector::from_element(400, 1.0)).unwrap();
-    for (met, expected) in found.iter().zip([0.25, 0.04, 0.04]) {
-        assert!((met / expected - 1.0).abs() < 1e-3, "{found}");
+    let mut squares = &rows * DVector::from_vec(vec![0.25, 0.04, 0.0, 0.0, 0.0]);
+    for square in squares.iter_mut().take(20) {
+        *square *= 1.5;
     }
+    let found = variances(&rows, &squares, &DVector::from_element(400, 1.0)).unwrap();
+    for met in found.iter().skip(1) {
+        assert!((met / 0.04 - 1.0).abs() < 0.15, "{found}");
+    }
+}
+
+#[test]
+fn held_out_logs_that_say_too_little_leave_the_error_to_pieces() {
+    let mut short = log("short", 25.0, 3, Role::HeldOut);
+    for column in [
+        &mut short.series.time_s,
+        &mut short.series.current_a,
+        &mut short.series.voltage_v,
+    ] {
+        column.truncate(300);
+    }
+    short
+        .series
+        .temperature_degc
+        .as_mut()
+        .unwrap()
+        .truncate(300);
+    let logs = [log("long", 25.0, 1, Role::Train), short];
+    let fit = fit_map(&of_logs(logs), &curve(), &options()).unwrap();
+    assert_eq!(
+        fit.map.voltage_error.unwrap().from,
+        ErrorSource::LeftOut,
+        "30 s are three correlation times"
+    );
+    assert!(fit.logs[0].left_out_rms_v.is_some() && fit.logs[1].left_out_rms_v.is_none());
+    // No other log shows a band for the only one with pieces.
+    assert_eq!(fit.logs[0].covered, None);
 }

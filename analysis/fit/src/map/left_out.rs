@@ -1,11 +1,12 @@
 //! What a map says of a spectrum that it has not seen.
 
 use super::design::Design;
-use super::score::error_part;
+use super::score::{LeftOutScore, error_part, errors};
 use super::solve::{Kinetics, Normal, Solved};
 use super::sweep::Sweep;
 use super::train::Train;
-use nalgebra::DMatrix;
+use analysis_model::map::BAND_SIGMAS;
+use nalgebra::{DMatrix, DVector};
 
 /// Spectra at least of which each can be left out.
 const LEAST_SPECTRA: usize = 3;
@@ -28,6 +29,8 @@ pub(super) struct LeftOut<'a> {
 struct Error {
     part: f64,
     sigma_part: f64,
+    /// Share of real and imaginary parts within the band of 95 %.
+    inside: f64,
     /// Fall of the cost of the fit without it.
     fall: f64,
 }
@@ -59,11 +62,25 @@ impl<'a> LeftOut<'a> {
                 others.remove(&own.0);
                 let without = others.solve(design.resistances(), Some(solved)).ok()?;
                 let map = design.map(kinetics, &without);
-                let part = error_part(&map, sweep, design.inductance_h(&without));
-                let sigma_part = sigma_part(covariance, &own.1, sweep, train.scales.spectra)?;
+                let inductance_h = design.inductance_h(&without);
+                let variances = variances(covariance, &own.1)?;
+                let (mut square, mut inside) = (0.0, 0);
+                for (k, (point, error)) in errors(&map, sweep, inductance_h).enumerate() {
+                    let unit_ohm = train.scales.spectra * point.error_ohm;
+                    for (error_ohm, variance) in [
+                        (error.re, variances[2 * k]),
+                        (error.im, variances[2 * k + 1]),
+                    ] {
+                        square += variance * unit_ohm.powi(2) / point.z_ohm.norm_sqr();
+                        let is_inside = error_ohm.abs() <= BAND_SIGMAS * variance.sqrt() * unit_ohm;
+                        inside += usize::from(is_inside);
+                    }
+                }
+                let points = sweep.points.len() as f64;
                 Some(Error {
-                    part,
-                    sigma_part,
+                    part: error_part(&map, sweep, inductance_h),
+                    sigma_part: (square / points).sqrt(),
+                    inside: inside as f64 / (2.0 * points),
                     fall: solved.cost - without.cost,
                 })
             });
@@ -74,13 +91,18 @@ impl<'a> LeftOut<'a> {
         }
     }
 
-    /// Returns the error on a spectrum and its standard deviation, as parts of its modulus.
-    pub(super) fn part(&self, spectrum: &Sweep) -> Option<(f64, f64)> {
+    /// Returns what the map without a spectrum misses of it.
+    pub(super) fn score(&self, spectrum: &Sweep) -> Option<LeftOutScore> {
         let found = self
             .spectra
             .iter()
             .find(|(sweep, _)| std::ptr::eq(*sweep, spectrum));
-        found.and_then(|(_, error)| error.map(|error| (error.part, error.sigma_part)))
+        let error = (*found?).1?;
+        Some(LeftOutScore {
+            part: error.part,
+            sigma_part: error.sigma_part,
+            inside: error.inside,
+        })
     }
 
     /// Names the spectra that contradict their neighbours.
@@ -99,7 +121,7 @@ impl<'a> LeftOut<'a> {
         let parts = sorted(|error| error.part);
         let median = parts[parts.len() / 2];
         let named = self.spectra.iter().filter_map(|(sweep, error)| {
-            let Error { part, sigma_part, fall } = (*error)?;
+            let Error { part, sigma_part, fall, .. } = (*error)?;
             let is_missed = part > CONTRADICTS_PART.max(CONTRADICTS_SIGMAS * sigma_part);
             (is_missed && fall >= least_fall).then(|| {
                 format!(
@@ -118,21 +140,12 @@ impl<'a> LeftOut<'a> {
     }
 }
 
-/// Standard deviation of a measured spectrum about its prediction without its own rows X, as a part of the
-/// modulus: with H = X·Σ·Xᵀ of all rows its variance is (1 − H)⁻¹ in units of the errors. One of these is
-/// the error of the spectrum itself, the rest that of the prediction.
-fn sigma_part(
-    covariance: &DMatrix<f64>,
-    rows: &DMatrix<f64>,
-    sweep: &Sweep,
-    scale: f64,
-) -> Option<f64> {
+/// Variances of a measured spectrum about its prediction without its own rows X, in units of the errors:
+/// with H = X·Σ·Xᵀ of all rows they are the diagonal of (1 − H)⁻¹. One of these is the error of the
+/// spectrum itself, the rest that of the prediction.
+fn variances(covariance: &DMatrix<f64>, rows: &DMatrix<f64>) -> Option<DVector<f64>> {
     let seen = rows * covariance * rows.transpose();
     let n = seen.nrows();
     let predicted = (DMatrix::identity(n, n) - seen).try_inverse()?;
-    let parts = sweep.points.iter().enumerate().map(|(k, point)| {
-        let variance = (predicted[(2 * k, 2 * k)] + predicted[(2 * k + 1, 2 * k + 1)]).max(0.0);
-        variance * (scale * point.error_ohm).powi(2) / point.z_ohm.norm_sqr()
-    });
-    Some((parts.sum::<f64>() / sweep.points.len() as f64).sqrt())
+    Some(predicted.diagonal().map(|variance| variance.max(0.0)))
 }

@@ -31,9 +31,12 @@ mod train;
 
 pub use next::{Choices, Fitted, Load, Measurement, Next, NextPlan, plan_next};
 pub use options::{MapFitError, MapLog, MapOptions, MapPoint, MapSpectrum};
-pub use score::{LogScore, SpectrumScore};
+pub use score::{LeftOutScore, LogScore, SpectrumScore};
 
-use analysis_model::{map::CellMap, ocv::OcvCurve};
+use analysis_model::{
+    map::{CellMap, ErrorSource},
+    ocv::OcvCurve,
+};
 use analysis_signal::series::Role;
 use design::Design;
 use log::Log;
@@ -122,28 +125,29 @@ pub fn fit_map(
     design.write_sigma(&mut map, &solved);
     map.validate()
         .map_err(|error| MapFitError::Series(error.to_string()))?;
-    let of_logs = logs.iter().map(|log| LogErrors {
-        of_map: score::residuals(&map, log, train.lag_s),
-        left_out: None,
-    });
+    let of_logs = logs
+        .iter()
+        .map(|log| LogErrors::new(score::residuals(&map, log, train.lag_s)));
     let mut errors: Vec<LogErrors> = of_logs.collect();
-    let is_held_out = logs.iter().any(|log| log.role == Role::HeldOut);
-    if !is_held_out {
+    let from = error::source(&logs);
+    if from == ErrorSource::LeftOut {
         let pieces = error::predict_left_out(&design, &train, kinetics, &equations, &solved);
-        for (errors, piece) in errors.iter_mut().zip(pieces) {
+        let fitted = logs.iter().zip(&mut errors);
+        let fitted = fitted.filter(|(log, _)| log.role == Role::Train);
+        for ((_, errors), piece) in fitted.zip(pieces) {
             errors.left_out = Some(piece);
         }
     }
-    map.voltage_error = error::measure(&map, ocv, &logs, &errors);
+    error::write(&mut map, ocv, from, &logs, &mut errors);
     let left_out = left_out::LeftOut::new(&design, &train, kinetics, &equations, &solved);
     let inductance_h = design.inductance_h(&solved);
-    let spectra = score::spectra(&map, &sweeps, inductance_h, |sweep| left_out.part(sweep));
+    let spectra = score::spectra(&map, &sweeps, inductance_h, |sweep| left_out.score(sweep));
     let both = || logs.iter().zip(&errors);
     let fitted = both().filter(|(log, _)| log.role == Role::Train);
     let fitted: Vec<&Vec<f64>> = fitted.map(|(_, errors)| &errors.of_map).collect();
     Ok(MapFit {
         logs: both()
-            .map(|(log, errors)| LogScore::new(&map, ocv, log, errors))
+            .map(|(log, errors)| LogScore::new(&map, log, errors))
             .collect(),
         notes: [design.notes(&map, &train), left_out.notes()].concat(),
         correlation_s: score::correlation_s(&train.logs, &fitted),

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
 /// Rows that are added at once.
-pub(super) const CHUNK: usize = 512;
+const CHUNK: usize = 512;
 
 impl Design {
     /// Adds the rows of a log: its overpotential is the sum of the unknowns times their columns.

@@ -1,13 +1,9 @@
 //! Error of a map on a log.
 
-use super::error;
 use super::log::Log;
 use super::sweep::{Sweep, SweepPoint};
 use super::train::{CORRELATION_S, Scales, Train};
-use analysis_model::{
-    map::{BranchStep, CellMap, Outside},
-    ocv::OcvCurve,
-};
+use analysis_model::map::{BranchStep, CellMap, ErrorSource, Outside};
 use analysis_signal::series::Role;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -36,9 +32,11 @@ pub struct LogScore {
     /// Root of the mean squared error above SOC 0.1, V, of maps that are fitted without the piece of the
     /// log that they predict; `None` if held-out logs show the error.
     pub left_out_rms_v: Option<f64>,
-    /// Share of the samples above SOC 0.1 within the map's band of 95 %.
+    /// Share of the samples above SOC 0.1 within the band of 95 % that the other unseen logs show; `None`
+    /// without others, and for a fitted log beside held-out ones.
     pub covered: Option<f64>,
-    /// Band of 0.1 SOC with the largest error: its lower end and its error, V.
+    /// Band of 0.1 SOC with the largest error: its lower end and its error, V; of the left-out pieces, if
+    /// the log has some.
     pub worst: Option<(f64, f64)>,
     /// Farthest distance from the measured range.
     pub outside: Outside,
@@ -50,10 +48,31 @@ pub(super) struct LogErrors {
     pub(super) of_map: Vec<f64>,
     /// That of maps that are fitted without the piece that they predict.
     pub(super) left_out: Option<Vec<f64>>,
+    /// Share of the samples in the band that the other unseen logs show.
+    pub(super) covered: Option<f64>,
+}
+
+impl LogErrors {
+    pub(super) fn new(of_map: Vec<f64>) -> Self {
+        Self {
+            of_map,
+            left_out: None,
+            covered: None,
+        }
+    }
+
+    /// Returns what maps miss of a log that they have not seen; `None` if the source of the error does
+    /// not contain the log.
+    pub(super) fn unseen(&self, from: ErrorSource, log: &Log) -> Option<&[f64]> {
+        match from {
+            ErrorSource::HeldOut => (log.role == Role::HeldOut).then_some(&*self.of_map),
+            ErrorSource::LeftOut => self.left_out.as_deref(),
+        }
+    }
 }
 
 impl LogScore {
-    pub(super) fn new(map: &CellMap, ocv: &OcvCurve, log: &Log, errors: &LogErrors) -> Self {
+    pub(super) fn new(map: &CellMap, log: &Log, errors: &LogErrors) -> Self {
         let chosen = |errors_v: &[f64], low: f64, high: f64| -> Vec<f64> {
             let rows = log.samples.soc.iter().zip(errors_v);
             rows.filter(|(z, e)| **z > low && **z <= high && e.is_finite())
@@ -61,9 +80,11 @@ impl LogScore {
                 .collect()
         };
         let counted = chosen(&errors.of_map, LEAST_SOC, f64::INFINITY);
+        let left_out = errors.left_out.as_deref();
+        let unseen = left_out.unwrap_or(&errors.of_map);
         let bands = (1..10).map(|k| {
             let low = BAND * f64::from(k);
-            (low, chosen(&errors.of_map, low, low + BAND))
+            (low, chosen(unseen, low, low + BAND))
         });
         let worst = bands
             .filter(|(_, rows)| rows.len() >= LEAST_ROWS)
@@ -73,7 +94,6 @@ impl LogScore {
         let outside = places
             .map(|(soc, degc)| map.place(*soc, *degc).outside)
             .fold(Outside::default(), Outside::farther);
-        let left_out = errors.left_out.as_deref();
         Self {
             name: log.name.clone(),
             role: log.role,
@@ -83,7 +103,7 @@ impl LogScore {
             left_out_rms_v: left_out
                 .map(|errors_v| rms(&chosen(errors_v, LEAST_SOC, f64::INFINITY)))
                 .filter(|rms_v| rms_v.is_finite()),
-            covered: error::covered(map, ocv, log, &errors.of_map),
+            covered: errors.covered,
             worst,
             outside,
         }
@@ -108,12 +128,21 @@ pub struct SpectrumScore {
     pub temperature_degc: f64,
     /// Root of the mean squared error over its points, as a part of the modulus.
     pub rms_part: f64,
-    /// The same of a map that is fitted to everything but this spectrum.
-    pub left_out_part: Option<f64>,
-    /// Standard deviation that the map without it states for that error.
-    pub left_out_sigma_part: Option<f64>,
+    /// What a map misses that is fitted to everything but this spectrum.
+    pub left_out: Option<LeftOutScore>,
     /// Distance from the measured range.
     pub outside: Outside,
+}
+
+/// What a map misses of a spectrum that it has not seen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct LeftOutScore {
+    /// Root of the mean squared error over its points, as a part of the modulus.
+    pub part: f64,
+    /// Standard deviation that the map and the scatter of the other spectra state for that error.
+    pub sigma_part: f64,
+    /// Share of its real and imaginary parts within the band of 95 %.
+    pub inside: f64,
 }
 
 /// Returns the errors on all spectra; `left_out` is that of a map without one.
@@ -121,20 +150,16 @@ pub(super) fn spectra(
     map: &CellMap,
     sweeps: &[Sweep],
     inductance_h: f64,
-    left_out: impl Fn(&Sweep) -> Option<(f64, f64)>,
+    left_out: impl Fn(&Sweep) -> Option<LeftOutScore>,
 ) -> Vec<SpectrumScore> {
-    let score = |sweep: &Sweep| {
-        let (left_out_part, left_out_sigma_part) = left_out(sweep).unzip();
-        SpectrumScore {
-            name: sweep.name.clone(),
-            role: sweep.role,
-            soc: sweep.soc,
-            temperature_degc: sweep.temperature_degc,
-            rms_part: error_part(map, sweep, inductance_h),
-            left_out_part,
-            left_out_sigma_part,
-            outside: map.place(sweep.soc, sweep.temperature_degc).outside,
-        }
+    let score = |sweep: &Sweep| SpectrumScore {
+        name: sweep.name.clone(),
+        role: sweep.role,
+        soc: sweep.soc,
+        temperature_degc: sweep.temperature_degc,
+        rms_part: error_part(map, sweep, inductance_h),
+        left_out: left_out(sweep),
+        outside: map.place(sweep.soc, sweep.temperature_degc).outside,
     };
     sweeps.iter().map(score).collect()
 }
@@ -148,7 +173,7 @@ pub(super) fn error_part(map: &CellMap, sweep: &Sweep, inductance_h: f64) -> f64
 }
 
 /// Measured less predicted impedance of each point of a spectrum, Ω.
-fn errors<'a>(
+pub(super) fn errors<'a>(
     map: &CellMap,
     sweep: &'a Sweep,
     inductance_h: f64,

@@ -222,13 +222,11 @@ impl SimModel {
     /// Returns the curve with the correction of the map at the temperature of the surroundings; the
     /// curve itself if the corrected knots do not rise.
     fn corrected_ocv(&self) -> OcvSource {
-        let (Some(_), OcvSource::Curve(curve)) = (&self.mapped, &self.ocv) else {
+        let (Some(mapped), OcvSource::Curve(curve)) = (&self.mapped, &self.ocv) else {
             return self.ocv.clone();
         };
-        let series = f64::from(self.pack.series);
-        let knots = curve.soc.iter().map(|z| self.ocv_v(*z).0 / series);
-        let corrected = OcvCurve::monotone(curve.capacity_ah, curve.soc.clone(), knots.collect());
-        OcvSource::Curve(corrected.unwrap_or_else(|_| curve.clone()))
+        let corrected = mapped.map.corrected(curve, mapped.ambient_degc);
+        OcvSource::Curve(corrected.unwrap_or_else(|| curve.clone()))
     }
 
     /// Returns the open-circuit voltage at the terminals, V, and its slope with SOC, V. A map adds

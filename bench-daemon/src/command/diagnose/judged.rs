@@ -20,7 +20,7 @@ use bench_evaluate::{
     investigate::dataset::{Accept, Loaded, NamedFile, NamedFiles, Reading, named_files, read_as},
     run::Recorded,
 };
-use bench_plan::support::{quoted::quoted, terminal::remark};
+use bench_plan::support::quoted::quoted;
 
 /// Findings on the data of a cell.
 #[derive(Debug, Serialize)]
@@ -52,6 +52,8 @@ pub(crate) struct Judged {
     ocv: Option<PathBuf>,
     /// Files that the data set named and no argument did.
     defaults: NamedFiles,
+    /// Whether the model is a map, which is judged by its model at one state.
+    is_of_map: bool,
     /// The selected cell, if there are several.
     specimen: Option<String>,
     /// The run folder if the diagnosis is a step of a run. File paths are reported relative to
@@ -117,20 +119,11 @@ impl Judged {
             ..Reading::default()
         };
         let loaded = read_as(data, reading)?;
-        let (file, curve) = if file.map.is_some() {
-            let state = loaded.set.mean_state(&curve);
-            let (soc, degc) = state
-                .ok_or_else(|| fail("expected runs with a state on its OCV curve, found none"))?;
-            remark!(
-                "the model is that of the map at {:.1} % of charge and {degc:.1} °C, the mean of the runs",
-                100.0 * soc
-            );
-            let file = file.with_ocv(Some(curve.clone())).at_state(soc, degc);
-            let curve = file.ocv.clone().unwrap_or(curve);
-            (file, curve)
-        } else {
-            (file, curve)
-        };
+        if file.map.is_some() && loaded.set.mean_state(&curve).is_none() {
+            return Err(fail(
+                "expected runs with a state on its OCV curve, found none",
+            ));
+        }
         let model = BaseModel {
             name: file.name.clone(),
             erm: file.erm.clone(),
@@ -138,6 +131,7 @@ impl Judged {
         };
         Ok(Self {
             loaded,
+            is_of_map: file.map.is_some(),
             model,
             file,
             data: data.to_owned(),
@@ -236,7 +230,7 @@ impl Judged {
         set.runs
             .retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
         let refused = self.loaded.refused.clone();
-        let loaded = Loaded {
+        let mut loaded = Loaded {
             set,
             problems: self.loaded.problems.clone(),
             notes: self.loaded.notes.clone(),
@@ -244,7 +238,20 @@ impl Judged {
             accept: self.loaded.accept.clone(),
             refused,
         };
-        let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
+        let (mut model, mut file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
+        // A map is judged by its model at the state of the cell's runs.
+        if let Some(state) = loaded.set.mean_state(&model.ocv)
+            && let Some((at_state, note)) = file
+                .clone()
+                .with_ocv(Some(model.ocv.clone()))
+                .at_state(state.soc, state.temperature_degc)
+        {
+            loaded.notes.push(note);
+            loaded.notes.extend(state.remark());
+            model.erm = at_state.erm.clone();
+            model.ocv = at_state.ocv.clone().unwrap_or(model.ocv);
+            file = at_state;
+        }
         let (specimen, within, refused_points) = (
             self.specimen.clone(),
             self.within.clone(),
@@ -252,6 +259,7 @@ impl Judged {
         );
         Self {
             loaded,
+            is_of_map: self.is_of_map,
             model,
             file,
             data: self.data.clone(),
@@ -383,7 +391,9 @@ impl Judged {
         let d = &mut outcome.diagnosis;
         d.findings.extend(self.findings_of_files());
         d.notes.extend(self.loaded.notes.iter().cloned());
-        outcome.diagnosis.notes.extend(self.file.notes());
+        if !self.is_of_map {
+            outcome.diagnosis.notes.extend(self.file.notes());
+        }
         Ok(outcome)
     }
 }

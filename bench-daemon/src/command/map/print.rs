@@ -149,8 +149,8 @@ fn print_spectra(spectra: &[SpectrumScore]) {
     );
     for score in spectra {
         let left_out = score
-            .left_out_part
-            .map_or_else(String::new, |part| format!("{:.1}", 100.0 * part));
+            .left_out
+            .map_or_else(String::new, |left| format!("{:.1}", 100.0 * left.part));
         say!(
             "  {:>5.2}  {:>6.1}  {:>8.1}  {left_out:>10}  {} ({})",
             score.soc,
@@ -160,15 +160,14 @@ fn print_spectra(spectra: &[SpectrumScore]) {
             role(score.role)
         );
     }
-    let stated = spectra
+    let inside: Vec<f64> = spectra
         .iter()
-        .filter_map(|score| Some(score.left_out_part? <= 2.0 * score.left_out_sigma_part?));
-    let stated: Vec<bool> = stated.collect();
-    if !stated.is_empty() {
+        .filter_map(|score| Some(score.left_out?.inside))
+        .collect();
+    if !inside.is_empty() {
         say!(
-            "  {} of {} spectra, each left out of a fit, lie within two standard deviations of its prediction",
-            stated.iter().filter(|within| **within).count(),
-            stated.len()
+            "  {:.0} % of the parts of all spectra lie in the band of 95 % of a fit without the spectrum",
+            100.0 * inside.iter().sum::<f64>() / inside.len() as f64
         );
     }
 }
@@ -195,7 +194,7 @@ fn headline_of_spectra(spectra: &[SpectrumScore]) -> Option<String> {
         .collect();
     let left_out: Vec<(&SpectrumScore, f64)> = spectra
         .iter()
-        .filter_map(|score| Some((score, score.left_out_part?)))
+        .filter_map(|score| Some((score, score.left_out?.part)))
         .collect();
     let (mut chosen, what) = match (held_out.is_empty(), left_out.is_empty()) {
         (false, _) => (held_out, "held-out spectra"),

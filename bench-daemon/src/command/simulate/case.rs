@@ -220,17 +220,25 @@ impl Case {
     /// Describes the band of the map's error, in mV per cell.
     fn band_text(&self, file: &GivenModel) -> Option<String> {
         let error = file.map.as_ref()?.voltage_error.as_ref()?;
-        let sigma_v = &self.full.trace.cell_sigma_v;
-        let most_v = sigma_v.iter().copied().fold(f64::NAN, f64::max);
-        let mean_v = sigma_v.iter().sum::<f64>() / sigma_v.len() as f64;
+        let trace = &self.full.trace;
+        let (mut sum_vs, mut all_s, mut most_v) = (0.0, 0.0, 0.0_f64);
+        for (k, sigma_v) in trace.cell_sigma_v.iter().enumerate().skip(1) {
+            let step_s = trace.time_s[k] - trace.time_s[k - 1];
+            sum_vs += 0.5 * step_s * (sigma_v + trace.cell_sigma_v[k - 1]);
+            all_s += step_s;
+            most_v = most_v.max(*sigma_v);
+        }
+        let mean_v = sum_vs / all_s;
         let shown = match error.from {
-            ErrorSource::HeldOut => "logs that the map has not seen",
-            ErrorSource::LeftOut => "left-out pieces of the fitted logs, which had other loads",
+            ErrorSource::HeldOut => "held-out logs show",
+            ErrorSource::LeftOut => {
+                "left-out pieces of the fitted logs show; other loads may be farther off"
+            }
         };
         mean_v.is_finite().then(|| {
             format!(
                 "{}: 95 % of the cell's voltages are expected within ± {:.0} mV of the prediction (mean; \
-                at most ± {:.0} mV), as {shown} show",
+                at most ± {:.0} mV) above 10 % of charge and at the current of the trace, as {shown}",
                 self.profile.name,
                 1e3 * BAND_SIGMAS * mean_v,
                 1e3 * BAND_SIGMAS * most_v
@@ -239,7 +247,12 @@ impl Case {
     }
 
     /// Standard deviation of the lowest voltage at the terminals by the error of the map, V.
+    ///
+    /// Under a power a lower voltage also takes more current, so that only a current has one.
     fn map_sigma_v(&self, model: &SimModel) -> Option<f64> {
+        if self.profile.demand != Demand::Current || !self.full.summary.feasible {
+            return None;
+        }
         let trace = &self.full.trace;
         let rows = trace.ccv_v.iter().zip(&trace.cell_sigma_v);
         let (_, sigma_v) = rows.min_by(|a, b| a.0.total_cmp(b.0))?;
