@@ -11,13 +11,17 @@
 //! τ·dv/dt = R(z, T)·g(i) − v. Where the data show that the resistance falls under current, g bends the
 //! current of the fast branches by Butler–Volmer's law ([`ChargeTransfer`]); otherwise g(i) = i.
 
+mod branch_step;
 mod charge_transfer;
 mod constants;
 mod error;
+mod values;
 
+pub use branch_step::BranchStep;
 pub use charge_transfer::{ChargeTransfer, Drive};
 pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
 pub use error::{BAND_SIGMAS, ErrorSource, VoltageError};
+pub use values::MapValues;
 
 use crate::{
     model::{Erm, RcBranch},
@@ -133,41 +137,6 @@ pub struct Outside {
     pub temperature_k: f64,
 }
 
-/// Voltage that a branch keeps over a step, and what it takes of the voltage that drives it, R·i, if
-/// that is linear over the step: exact for the step.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BranchStep {
-    /// Factor on the voltage of the branch at the start.
-    pub decay: f64,
-    /// Factor on the driving voltage at the start.
-    pub start: f64,
-    /// Factor on the driving voltage at the end.
-    pub end: f64,
-}
-
-impl BranchStep {
-    /// Returns the factors of a step of a branch with a time constant, s.
-    pub fn new(step_s: f64, tau_s: f64) -> Self {
-        let x = step_s / tau_s;
-        let decay = (-x).exp();
-        let phi = if x > 1e-9 {
-            -(-x).exp_m1() / x
-        } else {
-            1.0 - 0.5 * x
-        };
-        Self {
-            decay,
-            start: phi - decay,
-            end: 1.0 - phi,
-        }
-    }
-
-    /// Returns the voltage of the branch at the end of the step, V.
-    pub fn end_v(self, v: f64, driven_start_v: f64, driven_end_v: f64) -> f64 {
-        self.decay * v + self.start * driven_start_v + self.end * driven_end_v
-    }
-}
-
 impl Outside {
     /// Returns the farther distance of two queries, in each direction.
     #[must_use]
@@ -232,6 +201,21 @@ impl Neighbours {
     fn pairs(self, count: usize) -> [(usize, f64); 2] {
         let high = (self.low + 1).min(count - 1);
         [(self.low, 1.0 - self.weight), (high, self.weight)]
+    }
+}
+
+impl Place {
+    /// Returns the factors of Arrhenius' law from both temperature nodes to this place. That of a
+    /// node without weight is zero.
+    fn factors(&self, activation_j_per_mol: f64) -> [f64; 2] {
+        let weights = [1.0 - self.temperature.weight, self.temperature.weight];
+        let factor = |side: usize| {
+            if weights[side] == 0.0 {
+                return 0.0;
+            }
+            (activation_j_per_mol * self.exponents[side]).exp()
+        };
+        [factor(0), factor(1)]
     }
 }
 
@@ -375,9 +359,14 @@ impl CellMap {
 
     /// Returns the resistance of a surface at a place, Ω.
     pub fn resistance_ohm(&self, surface: &Surface, at: &Place) -> f64 {
+        self.weighted_ohm(surface, at, at.factors(surface.activation_j_per_mol))
+    }
+
+    /// Returns the resistance of a surface at a place, Ω, from the factors of its energy there.
+    fn weighted_ohm(&self, surface: &Surface, at: &Place, factors: [f64; 2]) -> f64 {
         let temperatures = at.temperature.pairs(self.temperature_degc.len());
         let mut sum = 0.0;
-        for ((j, weight), exponent) in temperatures.into_iter().zip(at.exponents) {
+        for ((j, weight), factor) in temperatures.into_iter().zip(factors) {
             if weight == 0.0 {
                 continue;
             }
@@ -388,7 +377,7 @@ impl CellMap {
                 .iter()
                 .map(|(k, share)| share * row[*k])
                 .sum();
-            sum += weight * r_ohm * (surface.activation_j_per_mol * exponent).exp();
+            sum += weight * r_ohm * factor;
         }
         sum
     }

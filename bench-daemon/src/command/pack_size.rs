@@ -92,26 +92,28 @@ pub struct SizeArgs {
 /// Mass and specific heat of a cell.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct ThermalArgs {
-    /// Mass of a cell, kg. The default is the maximum of the Molicel P45B's data sheet.
-    #[arg(long, value_name = "KG", default_value_t = ThermalMass::P45B.mass_kg)]
-    pub cell_mass_kg: f64,
-    /// Specific heat of a cell, J/(kg·K). Published values for such cells lie between 900 and 1000;
-    /// the default has not been measured on the cells of this project.
-    #[arg(
-        long,
-        value_name = "J/KG/K",
-        default_value_t = ThermalMass::P45B.specific_heat_j_per_kg_k
-    )]
-    pub specific_heat: f64,
+    /// Mass of a cell, kg [default: 0.07, the maximum of the Molicel P45B's data sheet]
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    pub cell_mass_kg: Option<f64>,
+    /// Specific heat of a cell, J/(kg·K) [default: 950; published values for such cells lie between
+    /// 900 and 1000, and none has been measured on the cells of this project]
+    #[arg(long, value_name = "J/KG/K", allow_negative_numbers = true)]
+    pub specific_heat: Option<f64>,
 }
 
 impl ThermalArgs {
     /// As the analysis wants it.
     pub fn mass(self) -> ThermalMass {
+        let usual = ThermalMass::P45B;
         ThermalMass {
-            mass_kg: self.cell_mass_kg,
-            specific_heat_j_per_kg_k: self.specific_heat,
+            mass_kg: self.cell_mass_kg.unwrap_or(usual.mass_kg),
+            specific_heat_j_per_kg_k: self.specific_heat.unwrap_or(usual.specific_heat_j_per_kg_k),
         }
+    }
+
+    /// Returns whether one of them is given.
+    pub fn is_given(self) -> bool {
+        self.cell_mass_kg.is_some() || self.specific_heat.is_some()
     }
 }
 
@@ -208,6 +210,11 @@ fn dc_resistance(args: &SizeArgs) -> Result<(f64, Vec<String>), Failure> {
         .ok_or_else(|| fail("with a DC resistance, met a circuit without one"))?;
     let mut notes = model_args::notes(&model);
     notes.extend(model.point_note());
+    let soc = model
+        .ocv
+        .as_ref()
+        .and_then(|curve| curve.soc_at(args.ocv_v));
+    notes.extend(model.away_note(soc.as_slice(), &[]));
     Ok((dcir_ohm, notes))
 }
 

@@ -212,6 +212,8 @@ fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
             notes.push(format!("{outside}; there the resistances are extrapolated"));
         }
     }
+    let places: Vec<f64> = map.iter().filter_map(|entry| entry.soc).collect();
+    notes.extend(file.away_note(&places, &[args.ambient_degc]));
     let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);
     if args.max_discharge_a.is_none() || args.max_charge_a.is_none() {
         notes.push(format!(

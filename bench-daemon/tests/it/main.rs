@@ -59,6 +59,7 @@ mod operando;
 mod otlp;
 mod outputs_state;
 mod overlap;
+mod pack_heat;
 mod profiles;
 mod quality;
 mod ranging;

@@ -183,6 +183,37 @@ impl GivenModel {
         })
     }
 
+    /// Returns a note on how far from its measurement a model of one point is used, at states of
+    /// charge and temperatures, °C, as far as they are known; `None` for a model with a map, and for
+    /// one that is used where it was measured.
+    pub fn away_note(&self, soc: &[f64], degc: &[f64]) -> Option<String> {
+        if self.map.is_some() {
+            return None;
+        }
+        let Some(facts) = self.facts else {
+            return Some(
+                "the model does not state the charge and the temperature at which it was measured: \
+                it keeps its resistances at every charge and temperature"
+                    .to_owned(),
+            );
+        };
+        let farthest = |list: &[f64], from: f64| {
+            let away = list.iter().map(|x| (x - from).abs());
+            away.fold(0.0, f64::max)
+        };
+        let (charge, kelvin) = (
+            farthest(soc, facts.soc),
+            farthest(degc, facts.temperature_degc),
+        );
+        (charge >= 0.005 || kelvin >= 0.05).then(|| {
+            format!(
+                "the model was measured at SOC {:.2} and {:.1} °C; it is used up to {charge:.2} of \
+                charge and {kelvin:.1} K away, with the resistances measured there",
+                facts.soc, facts.temperature_degc
+            )
+        })
+    }
+
     /// Returns the resistance at zero frequency, Ω; `None` for a circuit whose resistance grows
     /// without limit.
     pub fn dc_resistance_ohm(&self) -> Option<f64> {

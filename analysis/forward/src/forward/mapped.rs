@@ -7,6 +7,7 @@
 //! warms by its own heat, if the map has a heat capacity. The whole run is repeated with halved
 //! steps until no row moves by more than the tolerance.
 
+use super::body::Body;
 use super::error::ForwardError;
 use super::halving::{Apart, FIRST, GROWTH, LONGEST_S, halved};
 use super::law::{Beyond, Demand, Drive};
@@ -60,6 +61,8 @@ struct Look {
     driven_v: Vec<f64>,
     /// Heat of one cell, W.
     heat_w: f64,
+    /// Distance from the range of the map.
+    outside: Outside,
 }
 
 struct Run<'a> {
@@ -226,9 +229,12 @@ impl<'a> Run<'a> {
         let Some(thermal) = self.map.thermal else {
             return self.ambient_degc;
         };
-        let tau_s = thermal.capacity_j_per_k * thermal.resistance_k_per_w;
-        let settled = self.ambient_degc + thermal.resistance_k_per_w * heat_w;
-        settled + (from.temperature_degc - settled) * (-step_s / tau_s).exp()
+        let body = Body {
+            capacity_j_per_k: thermal.capacity_j_per_k,
+            path_w_per_k: 1.0 / thermal.resistance_k_per_w,
+        };
+        let start_k = from.temperature_degc - self.ambient_degc;
+        self.ambient_degc + body.end_k(start_k, heat_w, step_s)
     }
 
     /// Records an instant; returns `None` if no voltage is left behind the series resistance after
@@ -242,11 +248,7 @@ impl<'a> Run<'a> {
             Err(error) => Err(error),
             Ok(look) => {
                 self.recorder.see(&look.point);
-                let here = self
-                    .map
-                    .place(self.cell.soc, self.cell.temperature_degc)
-                    .outside;
-                self.outside = self.outside.farther(here);
+                self.outside = self.outside.farther(look.outside);
                 Ok(Some(look))
             }
         }
@@ -257,19 +259,20 @@ impl<'a> Run<'a> {
         let DemandPoint { time_s, demand } = at;
         let (pack, cell) = (&self.model.pack, &self.cell);
         let (series, parallel) = (f64::from(pack.series), f64::from(pack.parallel));
-        let place = self.map.place(cell.soc, cell.temperature_degc);
-        let correction_v = self.map.ocv_correction_v(&place, cell.temperature_degc);
-        let ocv_v = self.model.curve_v(cell.soc).0 + series * correction_v;
+        let mut driven_v = vec![0.0; cell.v.len()];
+        let values = self
+            .map
+            .values(cell.soc, cell.temperature_degc, &mut driven_v);
+        let ocv_v = self.model.curve_v(cell.soc).0 + series * values.correction_v;
         let sum_v: f64 = cell.v.iter().sum();
         let e_v = ocv_v - series * sum_v;
         if !e_v.is_finite() || (self.demand == Demand::Power && e_v <= 0.0) {
             return Err(ForwardError::Collapsed { time_s, e_v });
         }
-        let r_ohm = self.map.resistance_ohm(&self.map.series, &place);
         let drive = Drive {
             demand: self.demand,
             beyond: self.options.beyond,
-            r_ohm: pack.ratio() * r_ohm + pack.interconnect_ohm,
+            r_ohm: pack.ratio() * values.r_ohm + pack.interconnect_ohm,
         };
         let (reply, past_tangent) = drive.reply_or_most(e_v, demand);
         let ccv_v = e_v - drive.r_ohm * reply.current_a;
@@ -289,12 +292,11 @@ impl<'a> Run<'a> {
             past_tangent,
         };
         let current_a = reply.current_a / parallel;
-        let mut heat_w = r_ohm * current_a * current_a;
-        let mut driven_v = Vec::with_capacity(cell.v.len());
-        for (branch, v) in self.map.branches.iter().zip(&cell.v) {
-            let r_ohm = self.map.resistance_ohm(&branch.resistance, &place);
-            let drive = self.map.drive(branch, cell.soc, cell.temperature_degc);
-            driven_v.push(r_ohm * drive.driven_a(current_a));
+        let mut heat_w = values.r_ohm * current_a * current_a;
+        let branches = self.map.branches.iter().zip(&cell.v);
+        for ((branch, v), driven_v) in branches.zip(&mut driven_v) {
+            let (r_ohm, drive) = (*driven_v, values.drive(branch.tau_s));
+            *driven_v = r_ohm * drive.driven_a(current_a);
             heat_w += drive.lost_w(*v, r_ohm);
         }
         Ok(Look {
@@ -302,6 +304,7 @@ impl<'a> Run<'a> {
             current_a,
             driven_v,
             heat_w,
+            outside: values.outside,
         })
     }
 

@@ -18,6 +18,7 @@
 
 mod additions;
 mod batch;
+mod body;
 mod error;
 mod halving;
 mod held;

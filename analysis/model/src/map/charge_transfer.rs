@@ -61,6 +61,17 @@ impl Drive {
         }
     }
 
+    /// Returns the change of the driving current with the current, 0 to 1.
+    pub fn slope(&self, current_a: f64) -> f64 {
+        match self.exchange_a {
+            Some(exchange_a) => {
+                let bend = current_a / (2.0 * exchange_a);
+                1.0 / (1.0 + bend * bend).sqrt()
+            }
+            None => 1.0,
+        }
+    }
+
     /// Returns the power that a branch of this voltage, V, and resistance, Ω, turns into heat, W.
     pub fn lost_w(&self, v: f64, r_ohm: f64) -> f64 {
         let current_a = v / r_ohm.max(LEAST_OHM);

@@ -176,3 +176,34 @@ fn charge_transfer_bends_the_current_of_fast_branches() {
         "{message}"
     );
 }
+
+#[test]
+fn values_are_those_of_each_surface_and_the_slope_is_that_of_the_law() {
+    let mut map = map();
+    map.series.activation_j_per_mol = 15e3;
+    map.charge_transfer = Some(ChargeTransfer {
+        exchange_current_a: 4.0,
+        activation_j_per_mol: 40e3,
+        slowest_s: 3.0,
+    });
+    let mut fast = map.branches[0].clone();
+    fast.tau_s = 1.0;
+    map.branches.insert(0, fast);
+    let mut ohm = [0.0; 2];
+    for (soc, degc) in [(0.3, 12.0), (0.95, 30.0), (0.0, -20.0), (0.5, 25.0)] {
+        let (values, at) = (map.values(soc, degc, &mut ohm), map.place(soc, degc));
+        assert_eq!(values.r_ohm, map.resistance_ohm(&map.series, &at));
+        assert_eq!(values.correction_v, map.ocv_correction_v(&at, degc));
+        assert_eq!(values.outside, at.outside);
+        for (branch, ohm) in map.branches.iter().zip(&ohm) {
+            assert_eq!(*ohm, map.resistance_ohm(&branch.resistance, &at));
+            assert_eq!(values.drive(branch.tau_s), map.drive(branch, soc, degc));
+        }
+    }
+    let drive = Drive {
+        exchange_a: Some(3.0),
+    };
+    let step = 1e-4;
+    let slope = (drive.driven_a(7.0 + step) - drive.driven_a(7.0 - step)) / (2.0 * step);
+    assert!((drive.slope(7.0) - slope).abs() < 1e-9, "{slope}");
+}

@@ -14,6 +14,7 @@ pub use heat::{HeldPower, Hold, ThermalMass};
 pub use ranking::{CellKind, PowerLimit, RankedPack, Requirements, rank_packs};
 pub use sizing::{OperatingPoint, PeakLimit, SimpleIr, Sizing, SizingInput, check_window};
 
+use crate::map::MapError;
 use crate::model::{Erm, ModelError, RcBranch};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -50,6 +51,9 @@ pub enum PackError {
     /// A cell model that is not valid.
     #[error(transparent)]
     Cell(#[from] ModelError),
+    /// A map that cannot be.
+    #[error(transparent)]
+    Map(#[from] MapError),
     /// A number that makes no sense.
     #[error("{what}: expected {expected}, met {met}")]
     Value {

@@ -8,9 +8,9 @@ use clap::Args;
 
 use super::super::{
     model_args::{ModelArgs, PackArgs, WindowArgs, required_sizes},
-    pack_size::ThermalArgs,
     profile_args::ProfileArgs,
 };
+use super::heat::HeatArgs;
 
 const HELP: &str = "\
 Draws many packs of cells that differ a little, runs the profile through each, and reports \
@@ -33,6 +33,12 @@ the capacitances is taken from there. The spread of capacities and states of cha
 measured here: the 0.5 % are an assumption.
 Power and current count discharge as positive. Margins are those of single cells, without tabs and \
 interconnect.
+
+With a map each cell has its own state of charge and temperature, which its resistances follow. \
+Heat warms a cell by its heat capacity and
+leaves it to the surroundings (--path-k-per-w), to its neighbours (--neighbour-w-per-k) and to the \
+busbars (--busbar-w-per-k). The groups
+form the rows of a grid of S by P cells. Without a map the temperatures do not act back.
 
 Example:
   eis-bench pack simulate --model p45b/model_4rc.json --profile spin_jump.txt --series 16 \
@@ -144,9 +150,9 @@ pub struct PackSimulateArgs {
     /// Limits of a cell.
     #[command(flatten)]
     pub window: WindowArgs,
-    /// Mass and specific heat of a cell.
+    /// Where the heat of the cells goes.
     #[command(flatten)]
-    pub thermal: ThermalArgs,
+    pub heat: HeatArgs,
     /// Write pack.json, draws.parquet and plots into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

@@ -16,7 +16,7 @@ use analysis::{
 };
 use serde::Serialize;
 
-use super::PackSimulateArgs;
+use super::args::PackSimulateArgs;
 use bench_core::safety::failure::Failure;
 use bench_evaluate::files;
 use bench_plan::support::terminal::say;
@@ -320,7 +320,17 @@ impl Row<'_> {
         let file = files::read_model(&folder.join(path), None)
             .map_err(|error| self.fail("model", &format!("a model file ({error})")))?;
         let setup = self.table.setup;
-        let erm = super::cell(&file, setup.ocv)?;
+        let expected = match (setup.map, &file.map) {
+            (Some(_), _) => {
+                Some("no model of a cell of its own: all cells follow the map of --model")
+            }
+            (None, Some(_)) => Some("a model of one point, as --model is, not a map"),
+            (None, None) => None,
+        };
+        if let Some(expected) = expected {
+            return Err(self.fail("model", expected));
+        }
+        let erm = cell(&file, setup.ocv, setup.thermal.ambient_degc)?;
         let (expected, met) = (setup.cell.branches.len(), erm.branches.len());
         if met != expected {
             return Err(self.fail(
@@ -419,25 +429,17 @@ impl Means {
     }
 }
 
-/// The cell as an ERM. Cells that scatter are linear: what no branch stands for is refused.
-pub(super) fn cell(file: &GivenModel, ocv: &OcvSource) -> Result<Erm, Failure> {
-    let model = files::sim_model(
-        file,
-        ocv.clone(),
-        Pack {
-            series: 1,
-            parallel: 1,
-            interconnect_ohm: 0.0,
-        },
-        files::AMBIENT_DEGC,
-    )?;
-    if file.map.is_some() {
-        return Err(Failure::Usage(
-            "--model: expected a model of one point, found a map over state of charge and \
-            temperature; `simulate --series --parallel` takes it, with equal cells"
-                .to_owned(),
-        ));
-    }
+/// Wiring of a single cell.
+pub(super) const SINGLE: Pack = Pack {
+    series: 1,
+    parallel: 1,
+    interconnect_ohm: 0.0,
+};
+
+/// The cell as an ERM; that of a map is one point of it. Cells that scatter are linear: what no
+/// branch stands for is refused.
+pub(super) fn cell(file: &GivenModel, ocv: &OcvSource, ambient_degc: f64) -> Result<Erm, Failure> {
+    let model = files::sim_model(file, ocv.clone(), SINGLE, ambient_degc)?;
     match model.laws() {
         None => Ok(model.erm),
         Some(names) => Err(Failure::Usage(format!(

@@ -80,7 +80,7 @@ fn bands(setup: &ScatterSetup<'_>, met: &Scatter) -> Chart {
         }
     }
     let time = || AxisSpec::linear("Time / s");
-    let panels = vec![
+    let mut panels = vec![
         Panel {
             aspect: 0.22,
             ..Panel::new(
@@ -91,6 +91,20 @@ fn bands(setup: &ScatterSetup<'_>, met: &Scatter) -> Chart {
         },
         Panel::new(time(), AxisSpec::linear("Cell voltage / V"), voltages),
     ];
+    if !setup.thermal.held {
+        let temperatures = vec![
+            band("hottest cell, 5 to 95 % of the packs", 2, |r| {
+                &r.hottest_degc
+            }),
+            band("coldest cell, 5 to 95 % of the packs", 1, |r| {
+                &r.coldest_degc
+            }),
+        ];
+        panels.push(Panel {
+            aspect: 0.3,
+            ..Panel::new(time(), AxisSpec::linear("Temperature / °C"), temperatures)
+        });
+    }
     Chart::new(
         &titled(
             &format!("{} of cells that differ", setup.pack.name()),
@@ -139,6 +153,11 @@ fn distribution(setup: &ScatterSetup<'_>, met: &Scatter) -> Chart {
             o.hottest_rise_k
         }),
     ];
+    if !setup.thermal.held {
+        panels.push(panel("Highest temperature of any cell / °C", 1, |o| {
+            o.temperatures.hottest_degc
+        }));
+    }
     // One entry in the legend is enough for all panels.
     panels
         .iter_mut()

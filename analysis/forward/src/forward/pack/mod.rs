@@ -1,9 +1,13 @@
 //! Packs of cells that differ.
 
+mod mapped;
 mod network;
 mod scatter;
+mod thermal;
+mod wiring;
 
 pub use scatter::{
-    BandRow, Draws, Outcome, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, drawn_cells,
-    scatter, scatter_cells,
+    BandRow, Draws, LeftMap, Outcome, Percentiles, PlacedCell, Position, Scatter, ScatterSetup,
+    Spread, Temperatures, drawn_cells, scatter, scatter_cells,
 };
+pub use thermal::PackThermal;

@@ -8,18 +8,22 @@
 mod cells;
 mod outcome;
 mod setup;
+mod watch;
 
 pub use cells::{PlacedCell, drawn_cells};
 use cells::{check_packs, draw};
-pub use outcome::{Outcome, Percentiles};
+pub use outcome::{LeftMap, Outcome, Percentiles, Position, Temperatures};
 
-use super::network::{Cell, Network, Wiring};
+use super::mapped::{Common, MapNetwork};
+use super::network::{Cell, Network};
+use super::wiring::{Cells, Wiring};
 use crate::forward::{Demand, Interpolation, OcvSource, Profile};
 use analysis_model::pack::PackError;
 use analysis_numeric::Rng;
 use rayon::prelude::*;
 pub use setup::{Draws, ScatterSetup, Spread};
 use setup::{bounds, check};
+use watch::{Instant, Watch};
 
 /// Stretches of the profile of which the bands keep the instants of lowest and highest voltage.
 const STRETCHES: usize = 250;
@@ -37,6 +41,10 @@ pub struct BandRow {
     pub lowest_v: Percentiles,
     /// Voltage of each draw's highest cell, V.
     pub highest_v: Percentiles,
+    /// Temperature of each draw's hottest cell, °C.
+    pub hottest_degc: Percentiles,
+    /// Temperature of each draw's coldest cell, °C.
+    pub coldest_degc: Percentiles,
 }
 
 /// All draws.
@@ -122,14 +130,8 @@ fn each(
     pack: &(dyn Fn(usize) -> Vec<PlacedCell> + Sync),
 ) -> Scatter {
     let pieces = pieces(setup.profile, setup.max_step_s);
-    let cells = |placed: Vec<PlacedCell>| {
-        placed
-            .iter()
-            .map(|cell| cell.cell(setup.cell))
-            .collect::<Vec<Cell>>()
-    };
-    let alike = cells(draw(&Spread::NONE, setup, &mut Rng::new(0)));
-    let (identical, all) = run(setup, &alike, &pieces, &|_| true);
+    let alike = draw(&Spread::NONE, setup, &mut Rng::new(0));
+    let (identical, all) = run(setup, alike.clone(), &pieces, &|_| true);
     let kept = telling(&all);
     let line: Vec<Instant> = all
         .into_iter()
@@ -141,14 +143,10 @@ fn each(
         setup.profile,
         0.5 * pieces.iter().fold(0.0, |longest, p| p.step_s.max(longest)),
     );
-    let (finer, _) = run(setup, &alike, &halved, &|_| false);
+    let (finer, _) = run(setup, alike, &halved, &|_| false);
     let runs: Vec<(Outcome, Vec<Instant>)> = (0..packs)
         .into_par_iter()
-        .map(|k| {
-            run(setup, &cells(pack(k)), &pieces, &|k| {
-                kept.get(k) == Some(&true)
-            })
-        })
+        .map(|k| run(setup, pack(k), &pieces, &|k| kept.get(k) == Some(&true)))
         .collect();
     let bands = line.iter().enumerate().map(|(k, instant)| {
         // A draw that broke down early has no later instants.
@@ -161,6 +159,8 @@ fn each(
             identical_v: instant.lowest_v,
             lowest_v: all(|i| i.lowest_v),
             highest_v: all(|i| i.highest_v),
+            hottest_degc: all(|i| i.hottest_degc),
+            coldest_degc: all(|i| i.coldest_degc),
         }
     });
     let bands = bands.filter(|row| row.lowest_v.p50.is_finite()).collect();
@@ -207,98 +207,6 @@ fn pieces(profile: &Profile, max_step_s: f64) -> Vec<Piece> {
     pieces
 }
 
-/// Extremes over the cells at an instant.
-#[derive(Debug, Clone, Copy)]
-struct Instant {
-    time_s: f64,
-    demand: f64,
-    lowest_v: f64,
-    highest_v: f64,
-}
-
-/// Record of the extremes of a run.
-struct Watch {
-    outcome: Outcome,
-    largest_mean_a: f64,
-    parallel: usize,
-}
-
-impl Watch {
-    fn new(parallel: usize) -> Self {
-        let (most, least) = (f64::INFINITY, f64::NEG_INFINITY);
-        let outcome = Outcome {
-            min_cell_v: most,
-            min_cell_time_s: 0.0,
-            min_cell_group: 0,
-            max_cell_v: least,
-            min_ccv_v: most,
-            margin_low_v: 0.0,
-            margin_high_v: 0.0,
-            largest_cell_a: 0.0,
-            largest_share: 1.0,
-            soc_spread_end: None,
-            hottest_heat_j: 0.0,
-            hottest_rise_k: 0.0,
-            energy_j: 0.0,
-            feasible: true,
-        };
-        Self {
-            outcome,
-            largest_mean_a: 0.0,
-            parallel,
-        }
-    }
-
-    fn see(&mut self, time_s: f64, network: &Network<'_>) -> (f64, f64) {
-        let now = &network.now;
-        let o = &mut self.outcome;
-        let (mut lowest, mut highest, mut place) = (f64::INFINITY, f64::NEG_INFINITY, 0);
-        for (k, &v) in now.cell_v.iter().enumerate() {
-            if v < lowest {
-                (lowest, place) = (v, k);
-            }
-            highest = highest.max(v);
-        }
-        if lowest < o.min_cell_v {
-            (o.min_cell_v, o.min_cell_time_s, o.min_cell_group) =
-                (lowest, time_s, place / self.parallel + 1);
-        }
-        o.max_cell_v = o.max_cell_v.max(highest);
-        o.min_ccv_v = o.min_ccv_v.min(now.ccv_v);
-        o.feasible &= !now.infeasible;
-        o.largest_cell_a = now
-            .cell_a
-            .iter()
-            .fold(o.largest_cell_a, |most, i| most.max(i.abs()));
-        self.largest_mean_a = self
-            .largest_mean_a
-            .max(now.current_a.abs() / self.parallel as f64);
-        (lowest, highest)
-    }
-
-    fn close(mut self, setup: &ScatterSetup<'_>, heat_j: &[f64], soc: &[f64]) -> Outcome {
-        let o = &mut self.outcome;
-        (o.margin_low_v, o.margin_high_v) = (
-            setup.window.margin_low_v(o.min_cell_v),
-            setup.window.margin_high_v(o.max_cell_v),
-        );
-        if self.largest_mean_a > 0.0 {
-            o.largest_share = o.largest_cell_a / self.largest_mean_a;
-        }
-        o.hottest_heat_j = heat_j.iter().copied().fold(0.0, f64::max);
-        o.hottest_rise_k = setup.thermal.rise_k(o.hottest_heat_j);
-        if matches!(setup.ocv, OcvSource::Curve(_)) {
-            let (low, high) = soc
-                .iter()
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| {
-                    (l.min(*z), h.max(*z))
-                });
-            o.soc_spread_end = Some(high - low);
-        }
-        self.outcome
-    }
-}
-
 /// Returns the first and the last instant, and of every stretch those of lowest and highest
 /// voltage: a peak of one step must not get lost.
 fn telling(all: &[Instant]) -> Vec<bool> {
@@ -324,67 +232,68 @@ fn telling(all: &[Instant]) -> Vec<bool> {
     kept
 }
 
+/// Returns the cells of a pack in their wiring.
+fn wired<'a>(
+    setup: &'a ScatterSetup<'a>,
+    placed: Vec<PlacedCell>,
+    wiring: Wiring,
+) -> Box<dyn Cells + 'a> {
+    if let (Some(map), OcvSource::Curve(curve)) = (setup.map, setup.ocv) {
+        let common = Common {
+            map,
+            curve,
+            wiring,
+            thermal: &setup.thermal,
+        };
+        let cells = placed.into_iter().map(PlacedCell::mapped).collect();
+        return Box::new(MapNetwork::new(cells, common));
+    }
+    let cells: Vec<Cell> = placed.iter().map(|cell| cell.cell(setup.cell)).collect();
+    Box::new(Network::new(&cells, setup.ocv, wiring, &setup.thermal))
+}
+
 /// Runs one pack through the profile; stores the requested instants, by their number, at the start
 /// and after each piece.
 fn run(
     setup: &ScatterSetup<'_>,
-    cells: &[Cell],
+    placed: Vec<PlacedCell>,
     pieces: &[Piece],
     keep: &dyn Fn(usize) -> bool,
 ) -> (Outcome, Vec<Instant>) {
-    let parallel = setup.pack.parallel as usize;
     let wiring = Wiring {
-        parallel,
+        parallel: setup.pack.parallel as usize,
         tab_ohm: setup.tab_ohm,
         interconnect_ohm: setup.pack.interconnect_ohm,
     };
-    let mut network = Network::new(cells, setup.ocv, wiring);
-    let mut watch = Watch::new(parallel);
-    let mut heat_j = vec![0.0; cells.len()];
-    let mut heat_before = heat_j.clone();
+    let mut cells = wired(setup, placed, wiring);
+    let mut watch = Watch::new(setup, wiring);
     let mut instants = Vec::new();
     let kind: Demand = setup.profile.demand;
     let mut demand = f64::NAN;
     for (index, piece) in pieces.iter().enumerate() {
         if piece.from != demand {
-            if !network.look(kind, piece.from) {
-                watch.outcome.feasible = false;
+            if !cells.look(kind, piece.from) {
+                watch.break_down();
                 break;
             }
-            let (lowest_v, highest_v) = watch.see(piece.end_s - piece.step_s, &network);
+            let instant = watch.see(piece.end_s - piece.step_s, piece.from, &*cells);
             if index == 0 && keep(0) {
-                instants.push(Instant {
-                    time_s: piece.end_s - piece.step_s,
-                    demand: piece.from,
-                    lowest_v,
-                    highest_v,
-                });
+                instants.push(instant);
             }
         }
-        heat_before.copy_from_slice(&network.now.heat_w);
-        let power = network.now.current_a * network.now.ccv_v;
-        if !network.advance(piece.step_s, kind, piece.to) {
-            watch.outcome.feasible = false;
+        watch.begin(cells.now());
+        if !cells.advance(piece.step_s, kind, piece.to) {
+            watch.break_down();
             break;
         }
         demand = piece.to;
-        for ((sum, old), new) in heat_j.iter_mut().zip(&heat_before).zip(&network.now.heat_w) {
-            *sum += 0.5 * piece.step_s * (old + new);
-        }
-        watch.outcome.energy_j +=
-            0.5 * piece.step_s * (power + network.now.current_a * network.now.ccv_v);
-        let (lowest_v, highest_v) = watch.see(piece.end_s, &network);
+        watch.passed(piece.step_s, cells.now());
+        let instant = watch.see(piece.end_s, piece.to, &*cells);
         if keep(index + 1) {
-            instants.push(Instant {
-                time_s: piece.end_s,
-                demand: piece.to,
-                lowest_v,
-                highest_v,
-            });
+            instants.push(instant);
         }
     }
-    let outcome = watch.close(setup, &heat_j, &network.soc);
-    (outcome, instants)
+    (watch.close(&*cells), instants)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! The cells of a pack one by one, as factors of the model's: drawn from a spread, or given.
 
+use super::super::mapped::MappedCell;
 use super::super::network::Cell;
 use super::{Draws, ScatterSetup, Spread, bounds, check};
 use analysis_model::{model::Erm, pack::PackError};
@@ -50,6 +51,18 @@ impl PlacedCell {
         }
         Cell {
             erm,
+            capacity_ratio: self.capacity,
+            soc: self.soc,
+        }
+    }
+
+    /// Returns the cell as factors of a map.
+    pub(super) fn mapped(self) -> MappedCell {
+        let factors = self.rk.iter().zip(&self.ck);
+        MappedCell {
+            r: self.r,
+            tau: factors.map(|(r, c)| r * c).collect(),
+            rk: self.rk,
             capacity_ratio: self.capacity,
             soc: self.soc,
         }
@@ -162,6 +175,14 @@ pub(super) fn check_packs(
             });
         }
         pack.iter().try_for_each(|cell| cell.check(setup.cell))?;
+        let own = pack.iter().find_map(|cell| cell.erm.as_ref());
+        if let (Some(_), Some(erm)) = (setup.map, own) {
+            return Err(PackError::Value {
+                what: "model of a cell of its own in a pack whose cells follow a map",
+                expected: "none; met one with a series resistance in Ω",
+                met: erm.r_ohm,
+            });
+        }
     }
     Ok(())
 }

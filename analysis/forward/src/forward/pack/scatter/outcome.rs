@@ -1,5 +1,6 @@
 //! Result of one pack, and percentiles over many.
 
+use analysis_model::map::Outside;
 use serde::Serialize;
 
 /// Result of one pack.
@@ -27,10 +28,17 @@ pub struct Outcome {
     /// Difference of the highest and the lowest state of charge at the end; none for a constant
     /// OCV.
     pub soc_spread_end: Option<f64>,
-    /// Joule heat in the hottest cell, J.
+    /// Joule heat in the cell with the most of it, J.
     pub hottest_heat_j: f64,
     /// Its temperature rise if no heat leaves it, K.
     pub hottest_rise_k: f64,
+    /// Temperatures of the cells.
+    pub temperatures: Temperatures,
+    /// Heat of the interconnect and of the tabs, J.
+    pub interconnect_heat_j: f64,
+    /// Farthest way out of the range in which a map was measured; `None` without a map.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outside_map: Option<LeftMap>,
     /// Energy delivered at the terminals, J.
     pub energy_j: f64,
     /// Whether all requested power was available.
@@ -42,6 +50,60 @@ impl Outcome {
     pub fn within(&self) -> bool {
         self.feasible && self.margin_low_v >= 0.0 && self.margin_high_v >= 0.0
     }
+}
+
+/// Position of a cell in a pack.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Position {
+    /// Its group, from 1.
+    pub group: usize,
+    /// Its place in the group, from 1.
+    pub place: usize,
+}
+
+impl Position {
+    /// Returns the position of a cell by its number from 0, group by group.
+    pub(super) fn of(cell: usize, parallel: usize) -> Self {
+        Self {
+            group: cell / parallel + 1,
+            place: cell % parallel + 1,
+        }
+    }
+}
+
+impl std::fmt::Display for Position {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "group {}, place {}", self.group, self.place)
+    }
+}
+
+/// Temperatures of the cells of a pack.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Temperatures {
+    /// Highest temperature of any cell, °C.
+    pub hottest_degc: f64,
+    /// When, s.
+    pub hottest_time_s: f64,
+    /// Which cell.
+    pub hottest: Position,
+    /// Highest temperature of the cell that stays coldest, °C.
+    pub coldest_degc: f64,
+    /// Which cell.
+    pub coldest: Position,
+    /// Largest difference between two cells at one instant, K.
+    pub spread_k: f64,
+}
+
+/// Farthest distance from the range in which a map was measured, and the cells that go there.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct LeftMap {
+    /// The distance.
+    #[serde(flatten)]
+    pub outside: Outside,
+    /// Cell that is farthest in state of charge.
+    pub soc_cell: Position,
+    /// Cell that is farthest in temperature.
+    pub temperature_cell: Position,
 }
 
 /// Percentiles of a figure over the draws.

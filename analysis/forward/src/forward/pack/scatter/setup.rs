@@ -1,12 +1,13 @@
 //! Input of the simulation of many packs, and its bounds.
 
+use super::super::thermal::PackThermal;
+use crate::forward::{CellWindow, OcvSource, Profile};
 use analysis_model::{
+    map::CellMap,
     model::Erm,
-    pack::{Pack, PackError, ThermalMass, check_window},
+    pack::{Pack, PackError, check_window},
 };
 use serde::Serialize;
-
-use crate::forward::{CellWindow, OcvSource, Profile};
 
 /// Steps of one draw at most.
 const MOST_STEPS: f64 = 2e6;
@@ -69,6 +70,8 @@ impl Spread {
 pub struct ScatterSetup<'a> {
     /// The cell that all others are factors of.
     pub cell: &'a Erm,
+    /// Map that the cells follow, if there is one; `cell` is then one point of it.
+    pub map: Option<&'a CellMap>,
     /// Open-circuit voltage of a cell.
     pub ocv: &'a OcvSource,
     /// Size and interconnect.
@@ -81,8 +84,8 @@ pub struct ScatterSetup<'a> {
     pub profile: &'a Profile,
     /// Limits of a cell.
     pub window: CellWindow,
-    /// For the temperature rise.
-    pub thermal: ThermalMass,
+    /// Where the heat of the cells goes.
+    pub thermal: PackThermal,
     /// Longest step, s.
     pub max_step_s: f64,
 }
@@ -141,6 +144,18 @@ pub(super) fn check(setup: &ScatterSetup<'_>) -> Result<(), PackError> {
             met,
         })
     };
+    if let Some(map) = setup.map {
+        map.validate()?;
+        if let OcvSource::Constant(met) = setup.ocv {
+            let what = "open-circuit voltage that stays";
+            return fail(what, "an OCV curve for a model with a map", *met);
+        }
+        let branches = setup.cell.branches.len();
+        if map.branches.len() != branches {
+            let what = "branches of a point of the map";
+            return fail(what, "as many as the map has", branches as f64);
+        }
+    }
     if !(setup.tab_ohm.is_finite() && setup.tab_ohm >= 0.0) {
         return fail(
             "resistance of a cell's tab",

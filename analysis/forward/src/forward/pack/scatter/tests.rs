@@ -1,9 +1,10 @@
+use super::super::thermal::PackThermal;
 use super::*;
 use crate::forward::CellWindow;
 use analysis_model::{
     model::{Erm, RcBranch},
     ocv::OcvCurve,
-    pack::{Pack, ThermalMass},
+    pack::Pack,
 };
 
 fn erm() -> Erm {
@@ -31,13 +32,14 @@ fn ocv() -> OcvSource {
 fn setup<'a>(cell: &'a Erm, ocv: &'a OcvSource, profile: &'a Profile) -> ScatterSetup<'a> {
     ScatterSetup {
         cell,
+        map: None,
         ocv,
         pack: Pack::new(4, 3, 0.01).unwrap(),
         tab_ohm: 0.0,
         soc: 0.5,
         profile,
         window: CellWindow::THESIS,
-        thermal: ThermalMass::P45B,
+        thermal: PackThermal::adiabatic(25.0, 66.5),
         max_step_s: 0.01,
     }
 }
