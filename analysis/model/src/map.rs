@@ -204,6 +204,29 @@ impl Neighbours {
     }
 }
 
+/// Indices and weights of the nodes around a place.
+struct Nodes {
+    temperature: [(usize, f64); 2],
+    soc: [(usize, f64); 2],
+}
+
+impl Surface {
+    /// Returns the resistance between nodes, Ω, from the factors of its energy.
+    #[inline]
+    fn weighted_ohm(&self, nodes: &Nodes, factors: [f64; 2]) -> f64 {
+        let [(low, below), (high, above)] = nodes.soc;
+        let mut sum = 0.0;
+        for ((j, weight), factor) in nodes.temperature.into_iter().zip(factors) {
+            if weight == 0.0 {
+                continue;
+            }
+            let row = &self.r_ohm[j];
+            sum += weight * (below * row[low] + above * row[high]) * factor;
+        }
+        sum
+    }
+}
+
 impl Place {
     /// Returns the factors of Arrhenius' law from both temperature nodes to this place. That of a
     /// node without weight is zero.
@@ -359,27 +382,16 @@ impl CellMap {
 
     /// Returns the resistance of a surface at a place, Ω.
     pub fn resistance_ohm(&self, surface: &Surface, at: &Place) -> f64 {
-        self.weighted_ohm(surface, at, at.factors(surface.activation_j_per_mol))
+        let factors = at.factors(surface.activation_j_per_mol);
+        surface.weighted_ohm(&self.nodes(at), factors)
     }
 
-    /// Returns the resistance of a surface at a place, Ω, from the factors of its energy there.
-    fn weighted_ohm(&self, surface: &Surface, at: &Place, factors: [f64; 2]) -> f64 {
-        let temperatures = at.temperature.pairs(self.temperature_degc.len());
-        let mut sum = 0.0;
-        for ((j, weight), factor) in temperatures.into_iter().zip(factors) {
-            if weight == 0.0 {
-                continue;
-            }
-            let row = &surface.r_ohm[j];
-            let r_ohm: f64 = at
-                .soc
-                .pairs(self.soc.len())
-                .iter()
-                .map(|(k, share)| share * row[*k])
-                .sum();
-            sum += weight * r_ohm * factor;
+    /// Returns the nodes around a place and their weights.
+    fn nodes(&self, at: &Place) -> Nodes {
+        Nodes {
+            temperature: at.temperature.pairs(self.temperature_degc.len()),
+            soc: at.soc.pairs(self.soc.len()),
         }
-        sum
     }
 
     /// Returns what is added to the OCV curve at a place and a temperature, V.

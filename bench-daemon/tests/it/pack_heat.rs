@@ -73,7 +73,7 @@ fn a_pack_of_one_cell_with_a_map_is_what_simulate_says() {
     let packed = answer(folder.path(), &words);
     let identical = &packed["identical"];
     let apart = identical["min_cell_v"].as_f64().unwrap() - single["min_ccv_v"].as_f64().unwrap();
-    assert!(apart.abs() < 2e-5, "{apart}");
+    assert!(apart.abs() < 1e-7, "{apart}");
     let note = single["notes"].to_string();
     let degc = identical["temperatures"]["hottest_degc"].as_f64().unwrap();
     assert!(
@@ -106,7 +106,7 @@ fn cells_of_a_map_warm_and_the_middle_is_the_hottest() {
     // Cells that do not conduct are as warm as each other.
     assert!(of(&alone, "spread_k").as_f64().unwrap() < 1e-9);
     assert!(alone["hottest_degc"]["p50"].as_f64().unwrap() > 20.0);
-    assert!(of(&together, "spread_k").as_f64().unwrap() > 0.3);
+    assert!(of(&together, "spread_k").as_f64().unwrap() > 0.2);
     let hottest = of(&together, "hottest");
     assert!(hottest["place"] == 2 && (hottest["group"] == 2 || hottest["group"] == 3));
     assert!(of(&together, "coldest")["place"] != 2, "{together}");
@@ -120,7 +120,12 @@ fn cells_of_a_map_warm_and_the_middle_is_the_hottest() {
     let svg = fs::read_to_string(out.join("bands.svg")).unwrap();
     assert!(svg.contains("Temperature / °C") && svg.contains("hottest cell"));
     let text = program_in(folder.path(), &[&base[..], &network].concat()).ok();
-    for part in ["hottest cell / °C", "cells apart / K", "hottest draw ", "interconnect heat / J"] {
+    for part in [
+        "hottest cell / °C",
+        "cells apart / K",
+        "hottest draw ",
+        "interconnect heat / J",
+    ] {
         assert!(text.contains(part), "{text}");
     }
 }
@@ -148,7 +153,11 @@ fn a_map_that_is_left_is_reported_with_the_cell() {
     let warms = [&PACK[..], &words, &["--path-k-per-w", "8"]].concat();
     let report = answer(folder.path(), &warms);
     assert!(report["hottest_degc"]["p95"].as_f64().unwrap() > -18.0);
-    assert!(report["notes"].to_string().contains("66.5 J/K are those of"));
+    assert!(
+        report["notes"]
+            .to_string()
+            .contains("66.5 J/K are those of")
+    );
 }
 
 #[test]
@@ -226,7 +235,9 @@ fn a_model_of_one_point_says_that_it_keeps_its_resistances() {
     let report = answer(folder.path(), &[&PACK[..], &words].concat());
     let (rise, degc) = (
         report["identical"]["hottest_rise_k"].as_f64().unwrap(),
-        report["identical"]["temperatures"]["hottest_degc"].as_f64().unwrap(),
+        report["identical"]["temperatures"]["hottest_degc"]
+            .as_f64()
+            .unwrap(),
     );
     assert!((25.0 + rise - degc).abs() < 1e-9, "{rise} {degc}");
 }

@@ -30,6 +30,7 @@ impl BranchStep {
     }
 
     /// Returns the voltage of the branch at the end of the step, V.
+    #[inline]
     pub fn end_v(self, v: f64, driven_start_v: f64, driven_end_v: f64) -> f64 {
         self.decay * v + self.start * driven_start_v + self.end * driven_end_v
     }

@@ -51,6 +51,7 @@ pub struct Drive {
 
 impl Drive {
     /// Returns the current that drives the branch, A.
+    #[inline]
     pub fn driven_a(&self, current_a: f64) -> f64 {
         match self.exchange_a {
             Some(exchange_a) => {
@@ -62,6 +63,7 @@ impl Drive {
     }
 
     /// Returns the change of the driving current with the current, 0 to 1.
+    #[inline]
     pub fn slope(&self, current_a: f64) -> f64 {
         match self.exchange_a {
             Some(exchange_a) => {
@@ -73,6 +75,7 @@ impl Drive {
     }
 
     /// Returns the power that a branch of this voltage, V, and resistance, Ω, turns into heat, W.
+    #[inline]
     pub fn lost_w(&self, v: f64, r_ohm: f64) -> f64 {
         let current_a = v / r_ohm.max(LEAST_OHM);
         match self.exchange_a {

@@ -20,6 +20,7 @@ pub struct MapValues {
 
 impl MapValues {
     /// Returns how a current drives a branch with a time constant, s.
+    #[inline]
     pub fn drive(&self, tau_s: f64) -> Drive {
         Drive {
             exchange_a: self.exchange_a.filter(|_| tau_s <= self.slowest_s),
@@ -33,16 +34,17 @@ impl CellMap {
     /// that follow each other with one energy.
     pub fn values(&self, soc: f64, temperature_degc: f64, branch_ohm: &mut [f64]) -> MapValues {
         let at = self.place(soc, temperature_degc);
+        let nodes = self.nodes(&at);
         let mut energy = self.series.activation_j_per_mol;
         let mut factors = at.factors(energy);
-        let r_ohm = self.weighted_ohm(&self.series, &at, factors);
+        let r_ohm = self.series.weighted_ohm(&nodes, factors);
         for (branch, r_ohm) in self.branches.iter().zip(branch_ohm) {
             let surface = &branch.resistance;
             if surface.activation_j_per_mol != energy {
                 energy = surface.activation_j_per_mol;
                 factors = at.factors(energy);
             }
-            *r_ohm = self.weighted_ohm(surface, &at, factors);
+            *r_ohm = surface.weighted_ohm(&nodes, factors);
         }
         let law = self.charge_transfer;
         MapValues {

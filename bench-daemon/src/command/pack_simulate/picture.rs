@@ -92,13 +92,19 @@ fn bands(setup: &ScatterSetup<'_>, met: &Scatter) -> Chart {
         Panel::new(time(), AxisSpec::linear("Cell voltage / V"), voltages),
     ];
     if !setup.thermal.held {
+        // Bands may be too thin to see.
+        let median = |colour, of: fn(&BandRow) -> f64| {
+            Trace::new("", colour, TraceStyle::Line, line(of))
+        };
         let temperatures = vec![
-            band("hottest cell, 5 to 95 % of the packs", 2, |r| {
+            band("hottest cell, 5 to 95 % of the packs", 3, |r| {
                 &r.hottest_degc
             }),
-            band("coldest cell, 5 to 95 % of the packs", 1, |r| {
+            band("coldest cell, 5 to 95 % of the packs", 4, |r| {
                 &r.coldest_degc
             }),
+            median(3, |r| r.hottest_degc.p50),
+            median(4, |r| r.coldest_degc.p50),
         ];
         panels.push(Panel {
             aspect: 0.3,

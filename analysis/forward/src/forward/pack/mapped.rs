@@ -11,14 +11,19 @@ use super::thermal::{Heat, PackThermal, ThermalNetwork};
 use super::wiring::{Cells, Left, Look, Sources, Wiring};
 use crate::forward::Demand;
 use analysis_model::{
-    map::{BranchStep, CellMap, Drive, MapValues},
+    map::{BranchStep, CellMap, Drive, MapBranch, MapValues},
     ocv::OcvCurve,
 };
 
-/// Evaluations of the end of a step at most.
+/// Iterations of a step at most.
 const MOST_LOOKS: usize = 12;
-/// Change of the currents, over the largest, and of the driving voltages, V, that ends the iteration.
-const SETTLED: f64 = 1e-11;
+/// Change of the currents, over the largest, and of the driving voltages, V, below which the tangent
+/// of g is as good as g: its error is the square of the change.
+const SETTLED: f64 = 3e-6;
+/// Distances in state of charge and temperature, K, over which the values of the map stay. Resistances
+/// change by less than 1e-9 of themselves.
+const NEAR_SOC: f64 = 1e-10;
+const NEAR_K: f64 = 1e-8;
 
 /// One cell in its place, as factors of the map.
 #[derive(Debug, Clone)]
@@ -61,8 +66,16 @@ struct Found {
     branch_ohm: Vec<f64>,
     /// Voltage of the curve, V, and its slope with SOC, V.
     ocv_v: Vec<(f64, f64)>,
-    /// The states have not moved since.
-    fresh: bool,
+    /// Where they were read: SOC and temperature, °C.
+    at: Vec<(f64, f64)>,
+}
+
+impl Found {
+    /// Returns the open-circuit voltage of a cell at a SOC beside the place of reading, V.
+    fn open_v(&self, cell: usize, soc: f64) -> f64 {
+        let (ocv_v, slope_v) = self.ocv_v[cell];
+        ocv_v + self.values[cell].correction_v + slope_v * (soc - self.at[cell].0)
+    }
 }
 
 /// Cells, their wiring and their states.
@@ -82,6 +95,10 @@ pub(super) struct MapNetwork<'a> {
     now: Look,
     /// Currents of the cells before the last iteration, A.
     guess_a: Vec<f64>,
+    /// What drives the branches of charge transfer of each cell, A.
+    bent_a: Vec<f64>,
+    /// Which branches of the map these are.
+    bends: Vec<bool>,
     thermal: ThermalNetwork,
     /// Mean heat of the cells over a step, W.
     heat_w: Vec<f64>,
@@ -92,6 +109,8 @@ impl<'a> MapNetwork<'a> {
     /// Cells at rest and at the temperature of the surroundings, group by group.
     pub(super) fn new(cells: Vec<MappedCell>, common: Common<'a>) -> Self {
         let (n, rc) = (cells.len(), common.map.branches.len());
+        let slowest_s = common.map.charge_transfer.map(|law| law.slowest_s);
+        let bends = |branch: &MapBranch| slowest_s.is_some_and(|most| branch.tau_s <= most);
         let coulomb = |cell: &MappedCell| 3600.0 * common.curve.capacity_ah * cell.capacity_ratio;
         let state = State {
             soc: cells.iter().map(|cell| cell.soc).collect(),
@@ -108,12 +127,14 @@ impl<'a> MapNetwork<'a> {
                 values: vec![MapValues::default(); n],
                 branch_ohm: vec![0.0; n * rc],
                 ocv_v: vec![(0.0, 0.0); n],
-                fresh: false,
+                at: vec![(f64::NAN, f64::NAN); n],
             },
             sources: Sources::new(n),
             before: Look::new(n),
             now: Look::new(n),
             guess_a: vec![0.0; n],
+            bent_a: vec![0.0; n],
+            bends: common.map.branches.iter().map(bends).collect(),
             thermal: ThermalNetwork::new(common.thermal, n, common.wiring.parallel),
             heat_w: vec![0.0; n],
             left: Left::default(),
@@ -141,14 +162,16 @@ impl<'a> MapNetwork<'a> {
         }
     }
 
-    /// Reads the map at the states of all cells.
-    fn find(&mut self) {
-        if self.found.fresh {
-            return;
-        }
+    /// Reads the map at the states of all cells that have moved; returns whether one has.
+    fn find(&mut self) -> bool {
+        let mut moved = false;
         for (k, cell) in self.cells.iter().enumerate() {
-            let range = self.branches(k);
             let (soc, degc) = (self.end.soc[k], self.thermal.degc(k));
+            let (found_soc, found_degc) = self.found.at[k];
+            if (soc - found_soc).abs() <= NEAR_SOC && (degc - found_degc).abs() <= NEAR_K {
+                continue;
+            }
+            let range = self.branches(k);
             let branch_ohm = &mut self.found.branch_ohm[range];
             let mut values = self.common.map.values(soc, degc, branch_ohm);
             values.r_ohm *= cell.r;
@@ -158,11 +181,13 @@ impl<'a> MapNetwork<'a> {
                 .for_each(|(r_ohm, factor)| *r_ohm *= factor);
             self.found.values[k] = values;
             self.found.ocv_v[k] = self.common.curve.at(soc);
+            self.found.at[k] = (soc, degc);
+            moved = true;
         }
-        self.found.fresh = true;
+        moved
     }
 
-    /// Moves the states to the end of the step with the currents, driving voltages and heat that are
+    /// Moves charge and temperature to the end of the step with the currents and the heat that are
     /// known of it.
     fn arrive(&mut self, step_s: f64) {
         let tabs = self.thermal.takes_heat_of_tabs();
@@ -173,30 +198,26 @@ impl<'a> MapNetwork<'a> {
             interconnect_w,
         };
         self.thermal.end(step_s, heat);
-        for k in 0..self.cells.len() {
+        for (k, soc) in self.end.soc.iter_mut().enumerate() {
             let mean_a = 0.5 * (self.before.cell_a[k] + self.now.cell_a[k]);
-            self.end.soc[k] = self.start.soc[k] - mean_a * step_s / self.capacity_coulomb[k];
-            for j in self.branches(k) {
-                let driven_v = (self.start.driven_v[j], self.end.driven_v[j]);
-                self.end.v[j] = self.steps[j].end_v(self.start.v[j], driven_v.0, driven_v.1);
-            }
+            *soc = self.start.soc[k] - mean_a * step_s / self.capacity_coulomb[k];
         }
-        self.found.fresh = false;
     }
 
     /// Sources of all cells at the end of a step, linear in the currents there.
     fn linearise(&mut self, step_s: f64) {
         for k in 0..self.cells.len() {
-            let (values, (ocv_v, slope_v)) = (&self.found.values[k], self.found.ocv_v[k]);
+            let (values, slope_v) = (&self.found.values[k], self.found.ocv_v[k].1);
+            let open_v = self.found.open_v(k, self.end.soc[k]);
             let current_a = self.now.cell_a[k];
             let bend_ohm = 0.5 * slope_v * step_s / self.capacity_coulomb[k];
-            let mut e_v = ocv_v + values.correction_v + bend_ohm * current_a;
-            let tangent = Tangent::new(values, current_a);
+            let mut e_v = open_v + bend_ohm * current_a;
             let mut behind_ohm = values.r_ohm + self.common.wiring.tab_ohm + bend_ohm;
-            for (branch, j) in self.common.map.branches.iter().zip(self.branches(k)) {
+            let tangent = (self.bent_a[k], law(values).slope(current_a));
+            for (bends, j) in self.bends.iter().zip(self.branches(k)) {
                 let step = self.steps[j];
                 let end_ohm = step.end * self.found.branch_ohm[j];
-                let (driven_a, slope) = tangent.of(branch.tau_s, values);
+                let (driven_a, slope) = if *bends { tangent } else { (current_a, 1.0) };
                 e_v -= step.decay * self.start.v[j]
                     + step.start * self.start.driven_v[j]
                     + end_ohm * (driven_a - slope * current_a);
@@ -207,24 +228,58 @@ impl<'a> MapNetwork<'a> {
         }
     }
 
-    /// Computes what the currents drive and how they warm the cells; returns the largest change of a
-    /// driving voltage, V.
+    /// Computes what the currents drive; returns the largest change of a driving voltage, V.
     fn drive(&mut self) -> f64 {
         let mut change_v = 0.0_f64;
         for k in 0..self.cells.len() {
-            let (values, current_a) = (&self.found.values[k], self.now.cell_a[k]);
-            let tangent = Tangent::new(values, current_a);
-            let mut heat_w = values.r_ohm * current_a * current_a;
-            for (branch, j) in self.common.map.branches.iter().zip(self.branches(k)) {
-                let (drive, r_ohm) = (values.drive(branch.tau_s), self.found.branch_ohm[j]);
-                let driven_v = r_ohm * tangent.of(branch.tau_s, values).0;
+            let current_a = self.now.cell_a[k];
+            let bent_a = law(&self.found.values[k]).driven_a(current_a);
+            self.bent_a[k] = bent_a;
+            for (bends, j) in self.bends.iter().zip(self.branches(k)) {
+                let driven_a = if *bends { bent_a } else { current_a };
+                let driven_v = self.found.branch_ohm[j] * driven_a;
                 change_v = change_v.max((driven_v - self.end.driven_v[j]).abs());
                 self.end.driven_v[j] = driven_v;
-                heat_w += drive.lost_w(self.end.v[j], r_ohm);
+            }
+        }
+        change_v
+    }
+
+    /// Computes the heat of the cells from their currents and the voltages of their branches.
+    fn heat(&mut self) {
+        for k in 0..self.cells.len() {
+            let (values, current_a) = (&self.found.values[k], self.now.cell_a[k]);
+            let mut heat_w = values.r_ohm * current_a * current_a;
+            for (bends, j) in self.bends.iter().zip(self.branches(k)) {
+                let drive = if *bends { law(values) } else { STRAIGHT };
+                heat_w += drive.lost_w(self.end.v[j], self.found.branch_ohm[j]);
             }
             self.now.heat_w[k] = heat_w;
         }
-        change_v
+    }
+
+    /// Computes the voltages of the branches at the end of the step.
+    fn charge(&mut self) {
+        for (j, v) in self.end.v.iter_mut().enumerate() {
+            let start = &self.start;
+            *v = self.steps[j].end_v(start.v[j], start.driven_v[j], self.end.driven_v[j]);
+        }
+    }
+
+    /// Computes all currents and voltages under a demand in the present state.
+    fn answer(&mut self, demand: Demand, value: f64) -> bool {
+        self.note_places();
+        for k in 0..self.cells.len() {
+            let held_v: f64 = self.end.v[self.branches(k)].iter().sum();
+            self.sources.e_v[k] = self.found.open_v(k, self.end.soc[k]) - held_v;
+            self.sources.behind_ohm[k] = self.found.values[k].r_ohm + self.common.wiring.tab_ohm;
+        }
+        let wiring = self.common.wiring;
+        let sound = wiring.share(&self.sources, demand, value, &mut self.now);
+        for (k, values) in self.found.values.iter().enumerate() {
+            self.now.cell_v[k] = self.sources.e_v[k] - values.r_ohm * self.now.cell_a[k];
+        }
+        sound
     }
 
     fn note_places(&mut self) {
@@ -244,19 +299,9 @@ impl<'a> MapNetwork<'a> {
 impl Cells for MapNetwork<'_> {
     fn look(&mut self, demand: Demand, value: f64) -> bool {
         self.find();
-        self.note_places();
-        for k in 0..self.cells.len() {
-            let held_v: f64 = self.end.v[self.branches(k)].iter().sum();
-            let values = &self.found.values[k];
-            self.sources.e_v[k] = self.found.ocv_v[k].0 + values.correction_v - held_v;
-            self.sources.behind_ohm[k] = values.r_ohm + self.common.wiring.tab_ohm;
-        }
-        let wiring = self.common.wiring;
-        let sound = wiring.share(&self.sources, demand, value, &mut self.now);
+        let sound = self.answer(demand, value);
         self.drive();
-        for (k, values) in self.found.values.iter().enumerate() {
-            self.now.cell_v[k] = self.sources.e_v[k] - values.r_ohm * self.now.cell_a[k];
-        }
+        self.heat();
         sound
     }
 
@@ -269,32 +314,32 @@ impl Cells for MapNetwork<'_> {
         self.now.cell_a.copy_from_slice(&self.before.cell_a);
         self.now.heat_w.copy_from_slice(&self.before.heat_w);
         self.now.current_a = self.before.current_a;
-        let mut last = f64::INFINITY;
-        for _ in 0..MOST_LOOKS {
+        let mut change = f64::INFINITY;
+        for iteration in 0..MOST_LOOKS {
             self.arrive(step_s);
-            self.find();
+            // The values of the start give the first currents.
+            let moved = iteration == 0 || self.find();
+            if !moved && change <= SETTLED {
+                break;
+            }
             self.linearise(step_s);
             self.guess_a.copy_from_slice(&self.now.cell_a);
             let wiring = self.common.wiring;
             if !wiring.share(&self.sources, demand, value, &mut self.now) {
                 return false;
             }
-            let change = self
+            change = self
                 .drive()
                 .max(largest_change(&self.guess_a, &self.now.cell_a));
-            // The next change is to this one as this one is to the last.
-            let next = if last.is_finite() {
-                change * (change / last).min(1.0)
-            } else {
-                change
-            };
-            if next <= SETTLED {
-                break;
-            }
-            last = change;
+            self.charge();
+            self.heat();
         }
-        self.arrive(step_s);
-        self.look(demand, value)
+        if self.now.infeasible {
+            // The most power there is belongs to the state and not to the tangent.
+            return self.look(demand, value);
+        }
+        self.find();
+        self.answer(demand, value)
     }
 
     fn now(&self) -> &Look {
@@ -314,31 +359,13 @@ impl Cells for MapNetwork<'_> {
     }
 }
 
-/// What drives the branches of charge transfer at a current, A, and its change with it.
-struct Tangent {
-    current_a: f64,
-    bent_a: f64,
-    slope: f64,
-}
+/// A branch that the current drives as it is.
+const STRAIGHT: Drive = Drive { exchange_a: None };
 
-impl Tangent {
-    fn new(values: &MapValues, current_a: f64) -> Self {
-        let law = Drive {
-            exchange_a: values.exchange_a,
-        };
-        Self {
-            current_a,
-            bent_a: law.driven_a(current_a),
-            slope: law.slope(current_a),
-        }
-    }
-
-    /// Returns what drives a branch with a time constant, s, A, and its change with the current.
-    fn of(&self, tau_s: f64, values: &MapValues) -> (f64, f64) {
-        match values.drive(tau_s).exchange_a {
-            Some(_) => (self.bent_a, self.slope),
-            None => (self.current_a, 1.0),
-        }
+/// How a current drives the branches of charge transfer.
+fn law(values: &MapValues) -> Drive {
+    Drive {
+        exchange_a: values.exchange_a,
     }
 }
 

@@ -2,7 +2,7 @@ use super::*;
 use crate::forward::pack::network::{Cell, Network};
 use crate::forward::{Interpolation, OcvSource, Profile, SimModel, SimOptions, simulate};
 use analysis_model::{
-    map::{ChargeTransfer, MapBranch, Surface, Thermal},
+    map::{ChargeTransfer, Surface, Thermal},
     pack::Pack,
 };
 
