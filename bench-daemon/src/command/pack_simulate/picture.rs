@@ -93,9 +93,8 @@ fn bands(setup: &ScatterSetup<'_>, met: &Scatter) -> Chart {
     ];
     if !setup.thermal.held {
         // Bands may be too thin to see.
-        let median = |colour, of: fn(&BandRow) -> f64| {
-            Trace::new("", colour, TraceStyle::Line, line(of))
-        };
+        let median =
+            |colour, of: fn(&BandRow) -> f64| Trace::new("", colour, TraceStyle::Line, line(of));
         let temperatures = vec![
             band("hottest cell, 5 to 95 % of the packs", 3, |r| {
                 &r.hottest_degc

@@ -20,6 +20,8 @@ const MOST_LOOKS: usize = 12;
 /// Change of the currents, over the largest, and of the driving voltages, V, below which the tangent
 /// of g is as good as g: its error is the square of the change.
 const SETTLED: f64 = 3e-6;
+/// Currents below it are rounding.
+const LEAST_A: f64 = 1e-6;
 /// Distances in state of charge and temperature, K, over which the values of the map stay. Resistances
 /// change by less than 1e-9 of themselves.
 const NEAR_SOC: f64 = 1e-10;
@@ -374,11 +376,7 @@ fn largest_change(before_a: &[f64], after_a: &[f64]) -> f64 {
     let most_a = after_a.iter().fold(0.0_f64, |most, i| most.max(i.abs()));
     let pairs = before_a.iter().zip(after_a);
     let change_a = pairs.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
-    if change_a > 0.0 {
-        change_a / most_a
-    } else {
-        0.0
-    }
+    change_a / most_a.max(LEAST_A)
 }
 
 #[cfg(test)]

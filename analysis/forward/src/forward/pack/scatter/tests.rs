@@ -2,6 +2,7 @@ use super::super::thermal::PackThermal;
 use super::*;
 use crate::forward::CellWindow;
 use analysis_model::{
+    map::{CellMap, MapBranch, Surface},
     model::{Erm, RcBranch},
     ocv::OcvCurve,
     pack::Pack,
@@ -295,4 +296,107 @@ fn more_cells_than_fit_are_refused() {
         met(100, 100, 20_000),
         "cells of all draws, S·P times draws: expected at most 1e8, met 200000000"
     );
+}
+
+/// The cell of these tests as a map that doubles its resistances at low charge and in the cold.
+fn map() -> CellMap {
+    let surface = |r_ohm: f64| Surface {
+        activation_j_per_mol: 30e3,
+        r_ohm: vec![vec![4.0 * r_ohm, 2.0 * r_ohm], vec![2.0 * r_ohm, r_ohm]],
+        sigma_ohm: Vec::new(),
+    };
+    let branches = erm().branches.into_iter().map(|branch| MapBranch {
+        tau_s: branch.time_constant_s(),
+        resistance: surface(branch.r_ohm),
+    });
+    CellMap {
+        soc: vec![0.2, 0.6],
+        temperature_degc: vec![0.0, 25.0],
+        series: surface(0.007),
+        branches: branches.collect(),
+        ocv_offset_v: vec![0.0; 2],
+        ocv_v_per_k: vec![0.0; 2],
+        ocv_temperature_degc: 25.0,
+        charge_transfer: None,
+        thermal: None,
+    }
+}
+
+#[test]
+fn cells_that_leave_the_map_and_cells_of_their_own_are_named() {
+    let (cell, ocv, map) = (erm(), ocv(), map());
+    let profile = Profile::constant(Demand::Current, 25.2, 600.0).unwrap();
+    let setup = ScatterSetup {
+        map: Some(&map),
+        soc: 0.35,
+        max_step_s: 2.0,
+        ..setup(&cell, &ocv, &profile)
+    };
+    // 2C for ten minutes; the small cell is in group 2.
+    let mut pack = draw(&Spread::NONE, &setup, &mut Rng::new(0));
+    pack[4].capacity = 0.8;
+    let met = scatter_cells(&setup, std::slice::from_ref(&pack)).unwrap();
+    let left = met.outcomes[0].outside_map.unwrap();
+    assert_eq!(left.soc_cell, Position { group: 2, place: 2 });
+    // Equal cells go from 0.35 down by 1/3.
+    let equal = met.identical.outside_map.unwrap().outside;
+    assert!((equal.soc - (0.2 - (0.35 - 1.0 / 3.0))).abs() < 1e-9, "{equal:?}");
+    assert!(left.outside.soc > equal.soc + 0.01);
+    // 66.5 J/K without a path: some kelvin above 25 °C.
+    let rise_k = met.identical.temperatures.hottest_degc - 25.0;
+    assert!((equal.temperature_k - rise_k).abs() < 1e-7 && rise_k > 3.0, "{rise_k}");
+    assert!((met.identical.hottest_rise_k - rise_k).abs() < 1e-9);
+    pack[1].erm = Some(erm());
+    let error = scatter_cells(&setup, &[pack]).unwrap_err().to_string();
+    assert!(error.contains("model of a cell of its own"), "{error}");
+    let constant = OcvSource::Constant(3.7);
+    let held = ScatterSetup {
+        ocv: &constant,
+        ..setup
+    };
+    let draws = Draws { draws: 1, seed: 1 };
+    let error = scatter(&held, &Spread::NONE, draws).unwrap_err();
+    assert!(error.to_string().contains("an OCV curve for a model with a map"));
+    let cold = ScatterSetup {
+        thermal: PackThermal {
+            neighbour_w_per_k: -1.0,
+            ..setup.thermal
+        },
+        ..setup
+    };
+    let error = scatter(&cold, &Spread::NONE, draws).unwrap_err();
+    assert!(error.to_string().contains("conductance between neighbours"));
+}
+
+#[test]
+fn hundred_large_packs_with_a_map_run_in_a_printed_time() {
+    let (cell, ocv, map) = (erm(), ocv(), map());
+    let rows: Vec<(f64, f64)> = (0..=500)
+        .map(|k| (0.02 * f64::from(k), 1500.0 + 1000.0 * (0.3 * f64::from(k)).sin()))
+        .collect();
+    let profile = Profile::new("load", Demand::Power, Interpolation::Hold, &rows).unwrap();
+    let plain = ScatterSetup {
+        pack: Pack::new(16, 3, 0.03).unwrap(),
+        ..setup(&cell, &ocv, &profile)
+    };
+    let mapped = ScatterSetup {
+        map: Some(&map),
+        ..plain
+    };
+    let spread = Spread {
+        r: 0.01,
+        capacity: 0.005,
+        soc: 0.005,
+        ..Spread::NONE
+    };
+    let draws = Draws {
+        draws: 100,
+        seed: 2,
+    };
+    for (name, setup) in [("one point", &plain), ("a map", &mapped)] {
+        let start = std::time::Instant::now();
+        let met = scatter(setup, &spread, draws).unwrap();
+        eprintln!("16S3P, 100 draws, {name}: {:?}", start.elapsed());
+        assert!(met.outcomes.iter().all(|outcome| outcome.feasible));
+    }
 }

@@ -143,6 +143,20 @@ fn a_cell_in_the_middle_is_hotter_than_one_at_the_edge_and_that_than_a_corner() 
     assert!(grid.over_k().iter().all(|over| (over - 10.0).abs() < 2e-3));
 }
 
+/// Two of four sides are lost in the middle of a row, one at its ends.
+#[test]
+fn a_side_that_faces_a_neighbour_is_lost_for_the_path() {
+    let thermal = PackThermal {
+        side_share: 0.8,
+        ..thermal()
+    };
+    let mut row = network(thermal, 1, 3);
+    run(&mut row, 1000, 20.0, &[2.0; 3]);
+    for (over, left) in row.over_k().iter().zip([0.8, 0.6, 0.8]) {
+        assert!((over - 2.0 / (0.2 * left)).abs() < 1e-7, "{over}");
+    }
+}
+
 #[test]
 fn a_vanishing_conductance_leaves_each_cell_alone() {
     let coupled = PackThermal {
