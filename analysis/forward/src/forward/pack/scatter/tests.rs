@@ -340,11 +340,17 @@ fn cells_that_leave_the_map_and_cells_of_their_own_are_named() {
     assert_eq!(left.soc_cell, Position { group: 2, place: 2 });
     // Equal cells go from 0.35 down by 1/3.
     let equal = met.identical.outside_map.unwrap().outside;
-    assert!((equal.soc - (0.2 - (0.35 - 1.0 / 3.0))).abs() < 1e-9, "{equal:?}");
+    assert!(
+        (equal.soc - (0.2 - (0.35 - 1.0 / 3.0))).abs() < 1e-9,
+        "{equal:?}"
+    );
     assert!(left.outside.soc > equal.soc + 0.01);
     // 66.5 J/K without a path: some kelvin above 25 °C.
     let rise_k = met.identical.temperatures.hottest_degc - 25.0;
-    assert!((equal.temperature_k - rise_k).abs() < 1e-7 && rise_k > 3.0, "{rise_k}");
+    assert!(
+        (equal.temperature_k - rise_k).abs() < 1e-7 && rise_k > 3.0,
+        "{rise_k}"
+    );
     assert!((met.identical.hottest_rise_k - rise_k).abs() < 1e-9);
     pack[1].erm = Some(erm());
     let error = scatter_cells(&setup, &[pack]).unwrap_err().to_string();
@@ -356,7 +362,11 @@ fn cells_that_leave_the_map_and_cells_of_their_own_are_named() {
     };
     let draws = Draws { draws: 1, seed: 1 };
     let error = scatter(&held, &Spread::NONE, draws).unwrap_err();
-    assert!(error.to_string().contains("an OCV curve for a model with a map"));
+    assert!(
+        error
+            .to_string()
+            .contains("an OCV curve for a model with a map")
+    );
     let cold = ScatterSetup {
         thermal: PackThermal {
             neighbour_w_per_k: -1.0,
@@ -369,10 +379,19 @@ fn cells_that_leave_the_map_and_cells_of_their_own_are_named() {
 }
 
 #[test]
+#[allow(
+    clippy::disallowed_methods,
+    reason = "the time is printed and not judged"
+)]
 fn hundred_large_packs_with_a_map_run_in_a_printed_time() {
     let (cell, ocv, map) = (erm(), ocv(), map());
     let rows: Vec<(f64, f64)> = (0..=500)
-        .map(|k| (0.02 * f64::from(k), 1500.0 + 1000.0 * (0.3 * f64::from(k)).sin()))
+        .map(|k| {
+            (
+                0.02 * f64::from(k),
+                1500.0 + 1000.0 * (0.3 * f64::from(k)).sin(),
+            )
+        })
         .collect();
     let profile = Profile::new("load", Demand::Power, Interpolation::Hold, &rows).unwrap();
     let plain = ScatterSetup {
