@@ -21,7 +21,7 @@ enum PackCommand {
     Rank(pack_rank::RankArgs),
     /// Run a profile through many packs of cells that differ: current shares, worst cell,
     /// violations of the voltage window.
-    Simulate(pack_simulate::PackSimulateArgs),
+    Simulate(Box<pack_simulate::PackSimulateArgs>),
 }
 
 /// Runs a subcommand of `pack`.
