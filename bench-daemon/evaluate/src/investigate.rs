@@ -2,6 +2,7 @@
 //! ([`next_experiment`]), both in turn until nothing is open
 //! ([`closed_loop`]), and a proposal of runs from files of a cycler ([`proposal`]).
 
+pub mod cell_map;
 pub mod closed_loop;
 pub mod dataset;
 pub mod next_experiment;

@@ -1,8 +1,8 @@
 //! `eis-bench investigate`: measures, diagnoses, and runs the experiments that the diagnosis
-//! recommends, within a budget.
+//! recommends, within a budget; with a `[map]`, fits a map and measures the points that make it
+//! predict given loads better.
 
-use crate::command::printed::say_json;
-use crate::command::units;
+use crate::command::{load_args::LoadArgs, map::print_fit, printed::say_json, units};
 use bench_plan::config::quantity::Charge;
 use std::{io::BufRead, path::PathBuf};
 
@@ -12,16 +12,29 @@ use bench_core::{operator::Operator, safety::failure::Failure};
 use bench_evaluate::{
     files,
     investigate::closed_loop::{
-        Budget, End, Investigation, Means, investigate as play, not_played_text,
+        Aims, Budget, End, Investigation, MapInvestigation, Means, investigate as play,
+        investigate_map, not_played_text,
     },
 };
 use bench_plan::{
-    config::load_experiment,
+    config::{Experiment, load_experiment},
     support::terminal::{remark, say},
 };
 
+const HELP: &str = "\
+An experiment with a [map] is played first; then a map is fitted, the points that take most off the \
+predicted error of the loads per minute are measured on the same bench, and so on. It stops when the \
+error is below --error-mv, when the next measurement takes off less than --least-mv-per-hour, or when \
+the budget does not pay for it.
+
+Examples:
+  eis-bench investigate configs/experiments/investigate.toml
+  eis-bench investigate configs/experiments/map.toml --under fixtures/data/profiles/walking.csv \
+--series 16 --parallel 3 --budget-minutes 600 --budget-ah 60";
+
 /// Arguments of `investigate`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = HELP)]
 pub struct InvestigateArgs {
     /// The experiment file of the first campaign.
     pub experiment: PathBuf,
@@ -40,6 +53,16 @@ pub struct InvestigateArgs {
     /// Charge that these experiments may move in either direction, Ah.
     #[arg(long, default_value_t = 20.0, value_name = "AH", value_parser = units::of::<Charge>)]
     pub budget_ah: f64,
+    /// Loads of an experiment with a [map].
+    #[command(flatten)]
+    pub loads: LoadArgs,
+    /// Predicted error of the voltage under the loads at which the map is good enough, one standard
+    /// deviation, mV.
+    #[arg(long, default_value_t = 5.0, value_name = "MV", requires = "under")]
+    pub error_mv: f64,
+    /// Fall of this error for an hour on the bench below which no further point is measured, mV.
+    #[arg(long, default_value_t = 0.2, value_name = "MV", requires = "under")]
+    pub least_mv_per_hour: f64,
     /// Confirm the budget without being asked.
     #[arg(long)]
     pub yes: bool,
@@ -70,23 +93,89 @@ pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
             `ocv --out`; found neither".to_owned(),
         )
         })?;
+    let aims = aims(args, &experiment)?;
     let budget = budget(args)?;
     let out = args.out.clone().unwrap_or_else(|| {
         PathBuf::from("runs").join(format!("{}-investigation", experiment.name))
     });
-    let mut investigation = play(
-        &experiment,
-        &Means {
-            out: &out,
-            ocv,
-            budget,
-        },
-    )?;
+    let means = Means {
+        out: &out,
+        ocv,
+        budget,
+    };
+    match aims {
+        Some(aims) => end_of_map(args, investigate_map(&experiment, &means, &aims)?, &means),
+        None => end(args, play(&experiment, &means)?, &means),
+    }
+}
+
+/// Returns the aims of an experiment with a map.
+fn aims(args: &InvestigateArgs, experiment: &Experiment) -> Result<Option<Aims>, Failure> {
+    let demands = args.loads.demands();
+    let reason = match (experiment.map.is_some(), demands.under.is_empty()) {
+        (false, true) => return Ok(None),
+        (true, true) => {
+            "expected --under with a load: the points of a [map] are chosen for it, found none"
+                .to_owned()
+        }
+        (false, false) => format!(
+            "--under: expected an experiment with a [map], found {} without",
+            args.experiment.display()
+        ),
+        (true, false) => {
+            let numbers = [
+                ("--error-mv", args.error_mv),
+                ("--least-mv-per-hour", args.least_mv_per_hour),
+            ];
+            let wrong = numbers.iter().find(|(_, mv)| !(mv.is_finite() && *mv >= 0.0));
+            let Some((name, mv)) = wrong else {
+                return Ok(Some(Aims {
+                    demands,
+                    error_v: 1e-3 * args.error_mv,
+                    least_v_per_h: 1e-3 * args.least_mv_per_hour,
+                }));
+            };
+            format!("{name}: expected 0 mV or more, found {mv}")
+        }
+    };
+    Err(Failure::Usage(reason))
+}
+
+/// Prints how an investigation for a map ended.
+fn end_of_map(
+    args: &InvestigateArgs,
+    mut investigation: MapInvestigation,
+    means: &Means<'_>,
+) -> Result<(), Failure> {
+    if args.json {
+        say_json(&investigation)?;
+    } else {
+        for round in &investigation.rounds {
+            say!("{}", round.line());
+        }
+        say!("{}", investigation.spent_text());
+        print_fit(&investigation.fit);
+        say!("stop: {}", investigation.ended.end_text);
+        say!("written to {}", means.out.display());
+    }
+    match (investigation.failure.take(), investigation.ended.refused_points) {
+        (Some(failure), _) => Err(failure),
+        (None, 0) => Ok(()),
+        (None, count) => Err(Failure::Refused { count }),
+    }
+}
+
+/// Prints how an investigation ended.
+fn end(
+    args: &InvestigateArgs,
+    mut investigation: Investigation,
+    means: &Means<'_>,
+) -> Result<(), Failure> {
     if args.json {
         say_json(&investigation)?;
     } else {
         print(&investigation);
-        say!("written to {}", out.display());
+        say!("written to {}", means.out.display());
     }
     if let Some(failure) = investigation.failure.take() {
         return Err(failure);

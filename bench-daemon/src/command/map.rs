@@ -7,19 +7,14 @@ mod read;
 
 pub use args::MapArgs;
 
-use std::path::Path;
-
 use crate::command::printed::say_json;
-use analysis::{
-    given::{GivenModel, PlainModel},
-    map::{Fitted, LogScore, MapFit, MapOptions, NextPlan, SpectrumScore, fit_map},
-    ocv::OcvCurve,
-    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
-};
+use analysis::map::{Fitted, MapFit, MapOptions, NextPlan, fit_map};
 use bench_core::{operator::progress::Waiting, safety::failure::Failure};
-use bench_evaluate::files::{self, AMBIENT_DEGC};
+use bench_evaluate::investigate::cell_map::files;
 use bench_plan::support::terminal::say;
 use serde::Serialize;
+
+pub(in crate::command) use print::print as print_fit;
 
 /// Result of the command: the fields of the fit, and the proposed measurements.
 #[derive(Serialize)]
@@ -42,7 +37,7 @@ pub fn map(args: &MapArgs) -> Result<(), Failure> {
     let curve = read::curve(args)?;
     let waiting = Waiting::on("reading the data".to_owned());
     let data = read::data(args, &curve)?;
-    let profiles = next::read(&args.next)?;
+    let wanted = next::read(&args.next, &args.data)?;
     let options = MapOptions {
         time_constants_s: args.time_constants_s.clone(),
         ocv_temperature_degc: args.ocv_temperature_degc,
@@ -62,7 +57,7 @@ pub fn map(args: &MapArgs) -> Result<(), Failure> {
         .clone()
         .unwrap_or_else(|| stem.to_string_lossy().into_owned());
     if let Some(folder) = &args.out {
-        write(folder, &name, &curve, &fit)?;
+        files::write(folder, &name, &curve, &fit)?;
     }
     let fitted = Fitted {
         data: &data,
@@ -73,105 +68,22 @@ pub fn map(args: &MapArgs) -> Result<(), Failure> {
     if !args.json {
         print::print(&fit);
     }
-    let next = next::plan(&args.next, &profiles, fitted)?;
+    let plan = |wanted| next::plan(&args.next, wanted, fitted);
+    let next = wanted.as_ref().map(plan).transpose()?;
+    let chosen = wanted.as_ref().zip(next.as_ref());
+    let written = chosen.map(|(wanted, plan)| next::write(&args.next, wanted, plan));
+    let written = written.transpose()?.flatten();
     if args.json {
         return say_json(&Printed { fit: &fit, next });
     }
     if let Some(plan) = &next {
         next::print(plan);
     }
+    if let Some(written) = written {
+        say!("written to {written}");
+    }
     if let Some(folder) = &args.out {
         say!("written to {}", folder.display());
     }
     Ok(())
-}
-
-fn write(folder: &Path, name: &str, curve: &OcvCurve, fit: &MapFit) -> Result<(), Failure> {
-    files::make_folder(folder)?;
-    let model: GivenModel = PlainModel {
-        warnings: fit.notes.clone(),
-        ..PlainModel::of_map(name, &fit.map, curve, AMBIENT_DEGC)
-    }
-    .into();
-    let json = model.to_json();
-    let json = json.map_err(|error| Failure::Analysis(error.to_string()))?;
-    files::write_text(folder, "map.json", &json)?;
-    if !fit.logs.is_empty() {
-        files::write_text(folder, "map_logs.csv", &table_of_logs(&fit.logs))?;
-    }
-    if !fit.spectra.is_empty() {
-        files::write_text(folder, "map_spectra.csv", &table_of_spectra(&fit.spectra))?;
-    }
-    files::write_chart(folder, "map", &picture(name, fit))
-}
-
-/// A number of a table; a log below the states of charge that count has no error.
-fn number(value: Option<f64>, factor: f64) -> String {
-    let known = value.filter(|value| value.is_finite());
-    known.map_or_else(String::new, |value| format!("{:.3}", factor * value))
-}
-
-fn table_of_logs(logs: &[LogScore]) -> String {
-    let mut table = "log,role,temperature_degc,rms_mv,bias_mv,worst_soc,worst_mv,left_out_rms_mv,in_band_percent\n"
-        .to_owned();
-    for score in logs {
-        let (soc, worst_v) = (score.worst.map(|w| w.0), score.worst.map(|w| w.1));
-        table.push_str(&format!(
-            "{},{},{:.2},{},{},{},{},{},{}\n",
-            score.name.replace(',', ";"),
-            print::role(score.role),
-            score.temperature_degc,
-            number(Some(score.rms_v), 1e3),
-            number(Some(score.bias_v), 1e3),
-            number(soc, 1.0),
-            number(worst_v, 1e3),
-            number(score.left_out_rms_v, 1e3),
-            number(score.covered, 100.0)
-        ));
-    }
-    table
-}
-
-fn table_of_spectra(spectra: &[SpectrumScore]) -> String {
-    let mut table =
-        "spectrum,role,soc,temperature_degc,error_percent,left_out_percent,expected_percent\n"
-            .to_owned();
-    for score in spectra {
-        table.push_str(&format!(
-            "{},{},{:.4},{:.2},{},{},{}\n",
-            score.name.replace(',', ";"),
-            print::role(score.role),
-            score.soc,
-            score.temperature_degc,
-            number(Some(score.rms_part), 100.0),
-            number(score.left_out.map(|left| left.part), 100.0),
-            number(score.left_out.map(|left| left.sigma_part), 100.0)
-        ));
-    }
-    table
-}
-
-/// The series resistance and the whole resistance over state of charge, a line per temperature.
-fn picture(name: &str, fit: &MapFit) -> Chart {
-    let map = &fit.map;
-    let (mut series, mut whole) = (Vec::new(), Vec::new());
-    for (j, degc) in map.temperature_degc.iter().enumerate() {
-        let label = format!("{degc:.1} °C");
-        let knots = map.soc.iter().enumerate();
-        let points = knots.map(|(k, z)| (*z, 1e3 * map.series.r_ohm[j][k]));
-        series.push(Trace::new(&label, j, TraceStyle::Line, points.collect()));
-        let total = |z: f64| 1e3 * map.model_at(z, *degc).dc_resistance_ohm();
-        let points = map.soc.iter().map(|z| (*z, total(*z)));
-        whole.push(Trace::new("", j, TraceStyle::Line, points.collect()));
-    }
-    let soc = || AxisSpec::linear("State of charge").between(0.0, 1.0);
-    let panel = |title: &str, traces| Panel::new(soc(), AxisSpec::linear(title), traces);
-    Chart::new(
-        name,
-        "resistance over state of charge and temperature",
-        vec![
-            panel("series resistance / mΩ", series),
-            panel("with all branches / mΩ", whole),
-        ],
-    )
 }

@@ -20,6 +20,7 @@ pub mod identify;
 pub mod investigate;
 pub mod joint;
 pub mod kk;
+pub mod load_args;
 pub mod map;
 pub mod mock;
 pub mod model_args;

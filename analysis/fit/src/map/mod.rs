@@ -11,6 +11,7 @@
 //! resistance and one of the branches, and the exchange current of the branches are found by their
 //! effect on the same cost.
 
+mod choices;
 mod design;
 mod error;
 mod kinetics;
@@ -29,7 +30,8 @@ mod sweep;
 mod thermal;
 mod train;
 
-pub use next::{Choices, Fitted, Load, Measurement, Next, NextPlan, plan_next};
+pub use choices::{Choices, Measurement, Offer, PulsePart, Signal};
+pub use next::{Fitted, Load, Next, NextPlan, plan_next};
 pub use options::{MapFitError, MapLog, MapOptions, MapPoint, MapSpectrum};
 pub use score::{LeftOutScore, LogScore, SpectrumScore};
 

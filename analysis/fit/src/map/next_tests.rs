@@ -46,7 +46,7 @@ fn plan(loads: &[Load], choices: &Choices, count: usize) -> NextPlan {
 
 #[test]
 fn a_load_beyond_the_data_is_measured_where_it_flows() {
-    let choices = Choices::new(3.0, vec![5.0, 25.0]);
+    let choices = Choices::new(3.0, &Choices::SOC, &[5.0, 25.0]);
     for (soc, degc) in [(0.3, 25.0), (0.3, 5.0)] {
         let plan = plan(&[load(soc, degc)], &choices, 4);
         let first = plan.next[0];
@@ -67,7 +67,7 @@ fn a_load_beyond_the_data_is_measured_where_it_flows() {
 
 #[test]
 fn a_load_within_the_data_gains_little() {
-    let choices = Choices::new(3.0, vec![25.0]);
+    let choices = Choices::new(3.0, &Choices::SOC, &[25.0]);
     let (within, beyond) = (
         plan(&[load(0.8, 27.0)], &choices, 1),
         plan(&[load(0.3, 27.0)], &choices, 1),
@@ -80,10 +80,7 @@ fn a_load_within_the_data_gains_little() {
 
 #[test]
 fn the_way_and_the_rest_count_once_for_a_place() {
-    let choices = Choices {
-        soc: vec![0.3],
-        ..Choices::new(3.0, vec![25.0])
-    };
+    let choices = Choices::new(3.0, &[0.3], &[25.0]);
     let plan = plan(&[load(0.35, 25.0)], &choices, 5);
     assert_eq!(plan.next.len(), 2, "{plan:?}");
     // From full at C/2: 0.7·120 min; temperature 60 min, rest 30 min; pulses 100 s; a spectrum of 20

@@ -53,6 +53,50 @@ pub(super) struct Solved {
     above_zero: Vec<usize>,
 }
 
+/// Rows of equations, without the columns in which all are zero: data at one state touch few of the
+/// unknowns.
+pub(super) struct Rows {
+    /// The other columns, rising.
+    pub(super) columns: Vec<usize>,
+    /// The rows in these columns.
+    pub(super) of_columns: DMatrix<f64>,
+}
+
+impl Rows {
+    pub(super) fn of(rows: &DMatrix<f64>) -> Self {
+        let is_touched = |k: &usize| rows.column(*k).iter().any(|x| *x != 0.0);
+        let columns: Vec<usize> = (0..rows.ncols()).filter(is_touched).collect();
+        let of_columns = rows.select_columns(&columns);
+        Self {
+            columns,
+            of_columns,
+        }
+    }
+
+    /// Adds the product of the transposed rows and the rows to a matrix of all unknowns.
+    pub(super) fn add_square_to(&self, matrix: &mut DMatrix<f64>) {
+        let square = self.of_columns.tr_mul(&self.of_columns);
+        for (j, column) in self.columns.iter().enumerate() {
+            for (i, row) in self.columns.iter().enumerate() {
+                matrix[(*row, *column)] += square[(i, j)];
+            }
+        }
+    }
+
+    /// Returns X·M·Xᵀ of the rows X and a matrix of all unknowns.
+    pub(super) fn around(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        let part = matrix
+            .select_columns(&self.columns)
+            .select_rows(&self.columns);
+        &self.of_columns * part * self.of_columns.transpose()
+    }
+
+    /// Returns M·Xᵀ of the rows X and a matrix of all unknowns.
+    pub(super) fn after(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        matrix.select_columns(&self.columns) * self.of_columns.transpose()
+    }
+}
+
 impl Normal {
     pub(super) fn new(count: usize) -> Self {
         Self {
@@ -64,9 +108,11 @@ impl Normal {
 
     /// Adds rows, one per row of `a`.
     pub(super) fn add(&mut self, a: &DMatrix<f64>, y: &DVector<f64>) {
-        let transposed = a.transpose();
-        self.matrix.gemm(1.0, &transposed, a, 1.0);
-        self.right.gemv(1.0, &transposed, y, 1.0);
+        let rows = Rows::of(a);
+        rows.add_square_to(&mut self.matrix);
+        for (place, column) in rows.columns.iter().enumerate() {
+            self.right[*column] += rows.of_columns.column(place).dot(y);
+        }
         self.square += y.norm_squared();
     }
 

@@ -137,6 +137,11 @@ impl Recorded {
         self.stopped.as_deref()
     }
 
+    /// The experiment, from the copies of its files.
+    pub fn experiment(&self) -> &bench_plan::config::Experiment {
+        &self.experiment
+    }
+
     /// Returns the open-circuit voltage of the cell from its file.
     pub fn ocv(&self) -> Option<&OcvCurve> {
         self.experiment.cell.ocv.as_ref()

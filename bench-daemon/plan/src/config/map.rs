@@ -1,4 +1,4 @@
-//! The section `[map]`: a list of points of charge and temperature, against bench and cell.
+//! The section `[map]`: points of charge and temperature, against bench and cell.
 
 use std::sync::Arc;
 
@@ -8,9 +8,10 @@ use instruments::{fixture::Fixture, instrument::by_key, load, supply};
 use super::{
     ConfigError, Eis, Multisine, Temperature, Trace,
     check::{Check, LOAD_CUT_OFF_V},
+    map_places::{MapPlace, MapTemperature, Signals},
     raw_map::Raw,
 };
-use crate::plan::{CampaignRun, MapPoint, Missed, Specimen, percent};
+use crate::plan::{CampaignRun, MapPoint, Missed, Specimen};
 
 /// Distance of the held voltage from the highest of the cell, V: a meter error of a few millivolts
 /// must not cause a trip at the end.
@@ -22,8 +23,8 @@ const ABOVE_V: f64 = LOAD_CUT_OFF_V;
 /// A map over charge and temperature.
 #[derive(Debug, Clone)]
 pub struct MapProcedure {
-    /// States of charge, falling.
-    pub socs: Vec<f64>,
+    /// Its points in order: from the fullest to the emptiest at each temperature.
+    pub places: Vec<MapPlace>,
     /// Temperatures, °C, each with the highest resistance of the cell, Ω.
     pub temperatures: Vec<MapTemperature>,
     /// The cell.
@@ -38,15 +39,6 @@ pub struct MapProcedure {
     pub pulses: Option<Trace>,
     /// The open-circuit voltage by which the counted charge is checked.
     pub ocv: OcvCurve,
-}
-
-/// A temperature of a map.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MapTemperature {
-    /// Temperature, °C.
-    pub degc: f64,
-    /// Highest resistance of the cell, leads included, Ω.
-    pub resistance_ohm: f64,
 }
 
 /// How a map brings the cell to its points.
@@ -76,21 +68,22 @@ pub const CHARGE_LEAST_DEGC: f64 = 0.0;
 impl MapProcedure {
     /// Its points as runs, in order: from the fullest to the emptiest at each temperature.
     pub fn runs(&self) -> impl Iterator<Item = CampaignRun> + '_ {
-        let points = self
-            .temperatures
-            .iter()
-            .flat_map(|at| self.socs.iter().map(move |soc| (at, *soc)));
-        (1..).zip(points).map(|(number, (at, soc))| CampaignRun {
+        (1..).zip(&self.places).map(|(number, place)| CampaignRun {
             number,
             cell: self.cell.clone(),
             repeat: number,
             point: Some(MapPoint {
-                soc,
-                temperature_degc: at.degc,
-                below_full_coulomb: (1.0 - soc) * self.capacity_coulomb,
+                soc: place.soc,
+                temperature_degc: place.temperature_degc,
+                below_full_coulomb: (1.0 - place.soc) * self.capacity_coulomb,
                 within_coulomb: AT_POINT * self.capacity_coulomb,
             }),
         })
+    }
+
+    /// What is measured at a point, by its number.
+    pub fn place(&self, number: usize) -> Option<&MapPlace> {
+        self.places.get(number.checked_sub(1)?)
     }
 
     /// A point by its number.
@@ -157,8 +150,12 @@ impl Check<'_> {
             return Err(self.complain("map", reason));
         };
         let temperatures = self.map_temperatures(raw)?;
+        let signals = Signals {
+            spectrum: beside.multisine.is_some() || beside.eis.is_some_and(|eis| eis.repeat > 0),
+            pulses: raw.pulses.is_some(),
+        };
         let map = MapProcedure {
-            socs: self.map_socs(raw)?,
+            places: self.map_places(raw, &temperatures, signals)?,
             temperatures,
             cell: Arc::new(self.map_cell(beside.specimen)),
             capacity_coulomb: self.cell.capacity_coulomb,
@@ -224,25 +221,6 @@ impl Check<'_> {
             barcode: None,
         };
         specimen.cloned().unwrap_or_else(named)
-    }
-
-    fn map_socs(&self, raw: &Raw) -> Result<Vec<f64>, ConfigError> {
-        self.within("map.soc", raw.soc.len() as f64, 1.0..=50.0, "points")?;
-        let mut socs: Vec<f64> = Vec::new();
-        for soc in &raw.soc {
-            let soc = self.within("map.soc", soc.si, 0.01..=0.99, "(share)")?;
-            if let Some(before) = socs.last().filter(|before| soc >= **before) {
-                let reason = format!(
-                    "expected falling states of charge, because the cell is discharged from point \
-                    to point, found {} % after {} %",
-                    percent(soc),
-                    percent(*before)
-                );
-                return Err(self.complain("map.soc", reason));
-            }
-            socs.push(soc);
-        }
-        Ok(socs)
     }
 
     fn map_temperatures(&self, raw: &Raw) -> Result<Vec<MapTemperature>, ConfigError> {
@@ -350,7 +328,8 @@ impl Check<'_> {
         ];
         for (field, peak_a) in signals {
             let Some(peak_a) = peak_a else { continue };
-            for point in map.runs().filter_map(|run| run.point) {
+            let swept = map.runs().zip(&map.places).filter(|(_, place)| place.spectrum);
+            for point in swept.filter_map(|(run, _)| run.point) {
                 let (low_v, high_v) = map.band_v(point.soc);
                 let swing_v = peak_a * map.resistance_ohm(point.temperature_degc);
                 let (least_v, most_v) = (low_v - swing_v, high_v + swing_v);

@@ -15,6 +15,7 @@ mod identity;
 mod interlock;
 mod limits;
 mod map;
+mod map_places;
 mod multisine;
 mod ocv_soc;
 mod quality;
@@ -42,7 +43,8 @@ pub use bench::{
 pub use campaign::Campaign;
 pub use check::{LOAD_CUT_OFF_V, check_frames};
 pub use identity::Identity;
-pub use map::{CHARGE_LEAST_DEGC, MapLegs, MapProcedure, MapTemperature};
+pub use map::{CHARGE_LEAST_DEGC, MapLegs, MapProcedure};
+pub use map_places::{MapPlace, MapTemperature};
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub use resolve::resolve_cell;
@@ -52,7 +54,7 @@ pub use resolve_bench::{load_any_bench, load_bench};
 pub use section::{
     Acceptance, Cell, Eis, EisBias, Fit, FixtureCheck, Order, SocReset, Temperature, Tolerance,
 };
-pub use source::{ConfigError, Copies, Fence, Source};
+pub use source::{ConfigError, Copies, Fence, FieldPlace, Source};
 pub use trace::{AFTER_WAVE_S, BEFORE_S};
 pub use trace::{Segment, Trace};
 

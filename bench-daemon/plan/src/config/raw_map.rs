@@ -14,8 +14,12 @@ use super::{
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Raw {
-    /// States of charge, 1 to 50, falling, from 99 % to 1 %.
-    pub(super) soc: Vec<Quantity<Share>>,
+    /// States of charge, 1 to 50, falling, from 99 % to 1 %: each is measured at each temperature.
+    /// Left out: `points`.
+    pub(super) soc: Option<Vec<Quantity<Share>>>,
+    /// Points in place of `soc`, 1 to 200, in order: those of one temperature follow each other, from
+    /// high to low charge.
+    pub(super) points: Option<Vec<Point>>,
     /// Temperatures, 1 to 20, all different, within the range of the chiller and the limits of the
     /// cell. `within` and `timeout` of `[temperature]` hold for each; at its `setpoint` the cell is
     /// charged before the points of each temperature.
@@ -58,6 +62,29 @@ pub(super) struct Raw {
     /// Resistance between the cell and the voltmeter of the load if load and supply drive the
     /// pulses, 0 Ω to 0.1 Ω. Left out: 0 Ω.
     pub(super) lead_resistance: Option<Quantity<Resistance>>,
+}
+
+/// A point of a map.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Point {
+    /// State of charge, from 99 % to 1 %.
+    pub(super) soc: Quantity<Share>,
+    /// Temperature, one of `temperatures`.
+    pub(super) temperature: Quantity<Temperature>,
+    /// What is measured: `"spectrum"`, the sweep of `[eis]` or the record of `[multisine]`, and
+    /// `"pulses"`. Left out: all that the experiment has.
+    pub(super) measure: Option<Vec<Signal>>,
+}
+
+/// What a map measures at a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Signal {
+    /// The sweep of `[eis]` or the record of `[multisine]`.
+    Spectrum,
+    /// The pulses of `[map]`.
+    Pulses,
 }
 
 fn three_percent() -> Quantity<Share> {

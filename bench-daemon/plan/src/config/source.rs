@@ -60,6 +60,15 @@ pub struct Source {
     others: Others,
 }
 
+/// Bytes of the text that hold a field.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FieldPlace {
+    /// Those of its key.
+    pub key: Range<usize>,
+    /// Those of its value.
+    pub value: Range<usize>,
+}
+
 /// Source of the files that a file names.
 #[derive(Debug, Clone)]
 enum Others {
@@ -180,6 +189,35 @@ impl Source {
             text,
             others: Others::Fenced(fence.clone()),
         }
+    }
+
+    /// Returns another text in the place of this file, which opens other files as this one does.
+    pub fn with_text(&self, path: &Path, text: String) -> Self {
+        Self {
+            path: path.to_owned(),
+            text,
+            others: self.others.clone(),
+        }
+    }
+
+    /// Returns where the value of a field stands in the text, with its key; `None` if the file does
+    /// not have it.
+    pub fn place_of(&self, field: &str) -> Option<FieldPlace> {
+        let document = DeTable::parse(&self.text).ok()?;
+        let mut table = document.get_ref();
+        let (outer, last) = field.rsplit_once('.').unwrap_or(("", field));
+        for name in outer.split('.').filter(|name| !name.is_empty()) {
+            let (_, value) = table.iter().find(|(key, _)| key.get_ref().as_ref() == name)?;
+            let DeValue::Table(inner) = value.get_ref() else {
+                return None;
+            };
+            table = inner;
+        }
+        let (key, value) = table.iter().find(|(key, _)| key.get_ref().as_ref() == last)?;
+        Some(FieldPlace {
+            key: key.span(),
+            value: value.span(),
+        })
     }
 
     /// Opens another file from the same origin as this one: from the disk, or from copies.

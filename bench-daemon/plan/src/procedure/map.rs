@@ -31,7 +31,8 @@ impl Mapped<'_> {
     /// Returns the stages that bring the cell to a point: at a new temperature the full charge first.
     pub(super) fn approach(&self, run: &CampaignRun, point: &MapPoint) -> Vec<Stage> {
         let mut stages = Vec::new();
-        let first = (run.number - 1).is_multiple_of(self.map.socs.len());
+        let before = self.map.place(run.number - 1);
+        let first = before.is_none_or(|place| place.temperature_degc != point.temperature_degc);
         if first {
             stages.push(temperature::stage(self.temperature));
             stages.push(self.full_charge(run.number));
@@ -126,7 +127,8 @@ impl Mapped<'_> {
         point: &MapPoint,
         screen_s: &impl Fn(f64) -> f64,
     ) -> (Option<Stage>, Vec<String>) {
-        let Some(pulses) = &self.map.pulses else {
+        let measured = self.map.place(run.number).is_some_and(|place| place.pulses);
+        let Some(pulses) = self.map.pulses.as_ref().filter(|_| measured) else {
             return (None, Vec::new());
         };
         let (low_v, high_v) = self.map.band_v(point.soc);

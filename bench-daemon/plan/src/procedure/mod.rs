@@ -88,10 +88,12 @@ pub fn plan(experiment: &Experiment) -> Plan {
         return Plan { stages };
     }
     if let Some(mapped) = mapped(experiment, power) {
-        for run in mapped.map.runs() {
+        for (run, place) in mapped.map.runs().zip(&mapped.map.places) {
             let Some(point) = run.point else { continue };
-            let swept = experiment.eis.as_ref().filter(|eis| eis.repeat > 0);
-            let multisine = experiment.multisine.as_ref().map(|multisine| {
+            let swept = experiment.eis.as_ref();
+            let swept = swept.filter(|eis| eis.repeat > 0 && place.spectrum);
+            let multisine = experiment.multisine.as_ref().filter(|_| place.spectrum);
+            let multisine = multisine.map(|multisine| {
                 let asked = multisine::Asked {
                     multisine,
                     repeat: run.number,

@@ -18,6 +18,7 @@ log is stated above a state of charge of 0.1, that of a spectrum also by a fit w
 
 Examples:
   eis-bench map runs/map --out map
+  eis-bench map runs/map --next 4 --under walking.csv --series 16 --parallel 3 --write next.toml
   eis-bench map drive_25C.parquet drive_10C.parquet --held-out us06_25C.parquet --ocv curve.json \
 --soc-start 1 --out map";
 

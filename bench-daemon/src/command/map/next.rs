@@ -1,24 +1,24 @@
-//! `map --next`: what to measure next for given loads.
+//! `map --next`: what to measure next for given loads, and the experiment that measures it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use crate::command::load_args::LoadArgs;
 use analysis::{
-    formats::{ReadOptions, read_profile},
-    forward::{Interpolation, Profile, SimModel, SimOptions, simulate},
-    map::{Choices, Fitted, Load, Measurement, NextPlan, plan_next},
-    pack::Pack,
+    forward::Profile,
+    map::{Choices, Fitted, Measurement, NextPlan, plan_next},
+    run_folder::JOURNAL,
 };
 use bench_core::safety::failure::Failure;
-use bench_plan::support::terminal::say;
-
-/// States of charge at which each load starts.
-const STARTS: [f64; 3] = [0.9, 0.5, 0.2];
-/// Shortest load, s: a shorter profile is repeated.
-const LEAST_LOAD_S: f64 = 600.0;
-/// Longest time between two rows of a load, s.
-const LONGEST_ROW_S: f64 = 30.0;
-/// Duration of a step of the current, s.
-const STEP_S: f64 = 1e-4;
+use bench_evaluate::{
+    files,
+    investigate::cell_map::{base::Base, offers::Offers},
+    run::Recorded,
+};
+use bench_plan::{
+    config::load_experiment,
+    procedure,
+    support::terminal::{remark, say},
+};
 
 /// Arguments that choose measurements.
 #[derive(Debug, Clone, clap::Args)]
@@ -27,142 +27,119 @@ pub struct NextArgs {
     /// error of the loads per minute of bench time.
     #[arg(long, value_name = "N", requires = "under")]
     pub next: Option<std::num::NonZeroUsize>,
-    /// A load for --next, as `simulate` reads profiles; may be given several times. It starts at
-    /// 90, 50 and 20 % of charge and at each of --at-degc, and is repeated for ten minutes.
-    #[arg(long, value_name = "PROFILE", requires = "next")]
-    pub under: Vec<PathBuf>,
-    /// Temperatures at which the loads flow and at which may be measured, °C, separated by commas
-    /// [default: those of the map]
-    #[arg(
-        long,
-        value_name = "LIST",
-        value_delimiter = ',',
-        allow_hyphen_values = true,
-        requires = "next"
-    )]
-    pub at_degc: Vec<f64>,
-    /// Cells in series of the pack that the loads are for.
-    #[arg(long, default_value_t = 1, value_name = "N", requires = "next")]
-    pub series: u32,
-    /// Cells in parallel of that pack.
-    #[arg(long, default_value_t = 1, value_name = "N", requires = "next")]
-    pub parallel: u32,
+    /// Loads of --next.
+    #[command(flatten)]
+    pub loads: LoadArgs,
+    /// The experiment that is to measure further points: at each temperature of its [map], with its
+    /// sweep, its pulses, its rests and its limits [default: that of the first run folder in DATA that
+    /// has a [map]]
+    #[arg(long, value_name = "FILE", requires = "next")]
+    pub experiment: Option<PathBuf>,
+    /// Write an experiment that measures the chosen points: the other one with `points` in its [map].
+    #[arg(long, value_name = "FILE", requires = "next")]
+    pub write: Option<PathBuf>,
 }
 
-/// Reads the loads.
+/// What is read for the choice before the map is fitted.
+pub(super) struct Wanted {
+    profiles: Vec<Profile>,
+    base: Option<Base>,
+}
+
+/// Reads the loads and the experiment that is to measure further points.
 ///
 /// # Errors
-/// A profile that cannot be read.
-pub(super) fn read(args: &NextArgs) -> Result<Vec<Profile>, Failure> {
-    let options = ReadOptions {
-        demand: None,
-        interpolation: Interpolation::Hold,
-        charge_positive: false,
+/// Arguments that lack another one; a file that cannot be read; an experiment without `[map]`.
+pub(super) fn read(next: &NextArgs, data: &[PathBuf]) -> Result<Option<Wanted>, Failure> {
+    if next.next.is_none() {
+        if next.loads.under.is_empty() {
+            return Ok(None);
+        }
+        let reason = "--under: expected --next, whose measurements are chosen for the loads, found none";
+        return Err(Failure::Usage(reason.to_owned()));
+    }
+    let base = match &next.experiment {
+        Some(file) => Some(Base::of(&load_experiment(file, None)?)?),
+        None => recorded(data)?,
     };
-    let profiles = args.under.iter().map(|path| read_profile(path, &options));
-    profiles
-        .map(|read| read.map(|profile| repeated(&profile)))
-        .collect::<Result<_, _>>()
-        .map_err(|error| Failure::Usage(error.to_string()))
+    if base.is_none() && next.write.is_some() {
+        let reason = "--write: expected --experiment with a file that has a [map], or a run of such an \
+            experiment in DATA, found neither";
+        return Err(Failure::Usage(reason.to_owned()));
+    }
+    let profiles = next.loads.demands().read()?;
+    Ok(Some(Wanted { profiles, base }))
 }
 
-/// Chooses the measurements, if requested.
+/// The experiment of the first run that has a map.
+fn recorded(data: &[PathBuf]) -> Result<Option<Base>, Failure> {
+    for folder in data.iter().filter(|path| path.join(JOURNAL).is_file()) {
+        let run = Recorded::read(folder)?;
+        if run.experiment().map.is_some() {
+            return Base::of(run.experiment()).map(Some);
+        }
+    }
+    Ok(None)
+}
+
+/// Chooses the measurements.
 ///
 /// # Errors
-/// A load that cannot be simulated.
-pub(super) fn plan(
+/// A load that cannot be simulated; no point that the experiment can measure.
+pub(super) fn plan(args: &NextArgs, wanted: &Wanted, fitted: Fitted) -> Result<NextPlan, Failure> {
+    let demands = args.loads.demands();
+    let of_map = || fitted.fit.map.temperature_degc.clone();
+    let of_base = |base: &Base| base.map().temperatures.iter().map(|at| at.degc).collect();
+    let degc = if demands.at_degc.is_empty() {
+        wanted.base.as_ref().map_or_else(of_map, of_base)
+    } else {
+        demands.at_degc.clone()
+    };
+    let choices = match &wanted.base {
+        Some(base) => {
+            let offers = Offers::of(base)?;
+            offers.notes.iter().for_each(|note| remark!("note: {note}"));
+            offers.choices
+        }
+        None => Choices::new(fitted.ocv.capacity_ah, &Choices::SOC, &degc),
+    };
+    let loads = demands.loads(&wanted.profiles, &degc, fitted)?;
+    let count = args.next.map_or(0, std::num::NonZeroUsize::get);
+    plan_next(fitted, &loads, &choices, count).map_err(|error| Failure::Usage(error.to_string()))
+}
+
+/// Writes the experiment that measures the chosen points, if requested; returns how long it takes.
+///
+/// # Errors
+/// No point; a point that the limits of cell and bench do not allow; a file that cannot be written.
+pub(super) fn write(
     args: &NextArgs,
-    profiles: &[Profile],
-    fitted: Fitted,
-) -> Result<Option<NextPlan>, Failure> {
-    let Some(count) = args.next else {
+    wanted: &Wanted,
+    plan: &NextPlan,
+) -> Result<Option<String>, Failure> {
+    let (Some(file), Some(base)) = (&args.write, &wanted.base) else {
         return Ok(None);
     };
-    let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
-    let degc = if args.at_degc.is_empty() {
-        fitted.fit.map.temperature_degc.clone()
-    } else {
-        args.at_degc.clone()
-    };
-    let pack = Pack::new(args.series, args.parallel, 0.0).map_err(|error| usage(&error))?;
-    let mut loads = Vec::new();
-    for profile in profiles {
-        for ambient_degc in &degc {
-            for soc in STARTS {
-                loads.push(load(profile, fitted, pack, *ambient_degc, soc)?);
-            }
-        }
+    let places = base.in_order(&plan.next);
+    if places.is_empty() {
+        let reason = "--write: no measurement lowers the error of the loads: no file was written";
+        return Err(Failure::Usage(reason.to_owned()));
     }
-    let choices = Choices::new(fitted.ocv.capacity_ah, degc);
-    plan_next(fitted, &loads, &choices, count.get())
-        .map(Some)
-        .map_err(|error| usage(&error))
-}
-
-/// The current of a cell under a profile that is repeated, as the map predicts it.
-fn load(
-    profile: &Profile,
-    fitted: Fitted,
-    pack: Pack,
-    ambient_degc: f64,
-    soc: f64,
-) -> Result<Load, Failure> {
-    let fail = |error: &dyn std::fmt::Display| {
-        Failure::Usage(format!("--under {}: {error}", profile.name))
-    };
-    let (map, curve) = (fitted.fit.map.clone(), fitted.ocv.clone());
-    let model = SimModel::mapped(map, curve, pack, ambient_degc).map_err(|error| fail(&error))?;
-    let start = model.rest(soc).map_err(|error| fail(&error))?;
-    let options = SimOptions {
-        max_step_s: LONGEST_ROW_S,
-        ..SimOptions::default()
-    };
-    let run = simulate(&model, &start, profile, &options).map_err(|error| fail(&error))?;
-    if run.summary.feasible {
-        let mut load = Load {
-            name: profile.name.clone(),
-            time_s: Vec::new(),
-            current_a: Vec::new(),
-            soc,
-            temperature_degc: ambient_degc,
-        };
-        let trace = &run.trace;
-        let rows = trace.time_s.iter().zip(&trace.current_a).zip(&trace.soc);
-        for ((time_s, current_a), _) in rows.take_while(|(_, soc)| **soc > 0.0) {
-            // The second of two rows at one time is the other side of a step.
-            let last_s = load.time_s.last().copied().unwrap_or(f64::NEG_INFINITY);
-            load.time_s.push(if *time_s > last_s {
-                *time_s
-            } else {
-                last_s + STEP_S
-            });
-            load.current_a.push(current_a / f64::from(pack.parallel));
-        }
-        return Ok(load);
-    }
-    Err(fail(&format!(
-        "expected a load that the pack can supply from {:.0} % of charge at {ambient_degc} °C, found more \
-        power; check --series and --parallel",
-        100.0 * soc
+    let text = base.text_at(file, &places)?;
+    let folder = file.parent().filter(|folder| *folder != Path::new(""));
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    files::write_text(folder.unwrap_or(Path::new(".")), &name, &text)?;
+    let experiment = load_experiment(file, None)?;
+    let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
+    let extent = plan.plan().extent();
+    Ok(Some(format!(
+        "{}: {} points, {:.1} h, {:.1} Ah out of the cell and {:.1} Ah into it",
+        file.display(),
+        places.len(),
+        plan.plan().expected_s() / 3600.0,
+        extent.out_coulomb / 3600.0,
+        extent.into_coulomb / 3600.0
     )))
-}
-
-/// Repeats a profile until it lasts for a while.
-fn repeated(profile: &Profile) -> Profile {
-    let rows = profile.time_s.len();
-    let duration_s = profile.duration_s();
-    let count = (LEAST_LOAD_S / duration_s).ceil().max(1.0) as usize;
-    let mut long = profile.clone();
-    for k in 1..count {
-        // The last row of a profile only ends it.
-        long.time_s.pop();
-        long.value.pop();
-        let from_s = duration_s * k as f64;
-        long.time_s
-            .extend(profile.time_s.iter().map(|t| from_s + t));
-        long.value.extend(&profile.value[..rows]);
-    }
-    long
 }
 
 /// Prints the proposed measurements.

@@ -4,13 +4,14 @@ use analysis::{
     map::{CellMap, ErrorSource, LogScore, MapFit, SpectrumScore},
     series::Role,
 };
+use bench_evaluate::investigate::cell_map::files::role;
 use bench_plan::support::terminal::say;
 
 /// States of charge whose resistances are printed, if the map has them as knots.
 const SHOWN_SOC: [f64; 5] = [0.1, 0.2, 0.5, 0.8, 1.0];
 
 /// Prints the errors, the resistances and the remarks.
-pub(super) fn print(fit: &MapFit) {
+pub(in crate::command) fn print(fit: &MapFit) {
     let map = &fit.map;
     say!("{}", headline(fit));
     print_logs(&fit.logs);
@@ -258,11 +259,4 @@ fn headline_of_logs(logs: &[LogScore]) -> String {
         1e3 * least,
         1e3 * most
     )
-}
-
-pub(super) fn role(role: Role) -> &'static str {
-    match role {
-        Role::Train => "fitted",
-        Role::HeldOut => "held out",
-    }
 }

@@ -9,11 +9,14 @@
 mod follow_up;
 mod investigation;
 mod join;
+mod map;
+mod map_result;
 mod page;
+mod played;
 mod rule;
 
 use std::{
-    path::{Path, PathBuf},
+    path::PathBuf,
     sync::{Arc, Mutex},
 };
 
@@ -23,17 +26,17 @@ use analysis::{
         PlannedRun, Playable, gate,
     },
     fit::{Bounds, CellSweeps, FitOptions, ModelFile, OrderOptions, fit_erm, select_order},
-    ocv::OcvCurve,
     run_folder::MODEL,
     spectrum::Spectrum,
 };
 use follow_up::Site;
+use played::{Bench, Ended, Next, Planned, Played, Question, campaign, folder_name};
 
 use crate::{
     files::write_augmented,
     investigate::dataset::{Loaded, read_dataset, write_dataset},
     run::{
-        Measured, Session,
+        Measured,
         results::{every_sweep, leave_out, refused_points},
     },
 };
@@ -41,7 +44,10 @@ use bench_core::safety::failure::Failure;
 use bench_plan::config::Experiment;
 pub use investigation::{FollowUpRun, Investigation, NotPlayed, Step, WhyNot};
 pub use join::{Later, add_played};
+pub use map::{Aims, investigate_map};
+pub use map_result::{MapEnd, MapInvestigation, Round};
 pub use page::not_played_text;
+pub use played::Means;
 pub use rule::{Budget, End, MOST_AGAIN, MOST_RUNS, most_played, settled, verdict_named};
 
 /// Name of the schema of `investigation.json`.
@@ -57,17 +63,6 @@ const BENCH_A: f64 = 20.0;
 /// Highest frequency of a planned sweep, Hz: beyond it the bipolar supply falls behind.
 const HIGHEST_HZ: f64 = 1000.0;
 
-/// Settings of an investigation.
-#[derive(Debug, Clone)]
-pub struct Means<'a> {
-    /// Folder of everything that is written; new or empty.
-    pub out: &'a Path,
-    /// The open-circuit voltage that the model is given.
-    pub ocv: OcvCurve,
-    /// Budget that may be spent.
-    pub budget: Budget,
-}
-
 /// Runs an investigation and writes `investigation.json`, `.md` and `.html` with their pictures,
 /// `model.json`, `model_augmented.json` if something was added, the joined data set, and a run
 /// folder per step. A later run that ended early ends the investigation, which is written
@@ -76,58 +71,42 @@ pub struct Means<'a> {
 /// # Errors
 /// A campaign that ended early, a model that cannot be fitted, a folder that cannot be written.
 pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investigation, Failure> {
-    let mut session = Session::new(&experiment.bench)?;
-    let first = means.out.join("campaign");
-    let measured = session.run(experiment, &first)?.measured;
+    let (mut bench, measured) = Bench::first(experiment, means.out, means.budget)?;
     let (file, model) = base_model(experiment, &measured, means)?;
+    let first = campaign(means.out);
     let mut workspace = Workspace {
         experiment,
-        means,
-        session,
         model,
         loaded: read_dataset(&first)?,
-        spent: Budget::default(),
-        refused: measured.refused(),
+        outcome: None,
+        menu: MenuOutcome::default(),
+        steps: Vec::new(),
+        first,
     };
-    let (mut outcome, mut menu) = workspace.diagnose(&[])?;
-    let mut steps = vec![step(&first, None, &outcome.diagnosis)];
-    let mut failure = None;
-    let ended = loop {
-        let (next, experiment) = match workspace.next(&outcome, menu, &steps) {
-            Ok(next) => next,
-            Err(ended) => break ended,
-        };
-        let folder = means.out.join(format!("{}_{}", steps.len(), next.name));
-        let minutes = match workspace.buy(&experiment, &next, &outcome.next_runs, &folder) {
-            Ok(minutes) => minutes,
-            Err(error) => {
-                let text = format!("a run ended early: {}: {error}", next.description);
-                failure = Some(error);
-                break Ended::without_runs(End::Stopped, text);
-            }
-        };
-        let bought = steps.iter().filter_map(Step::bought).chain([next.name]);
-        (outcome, menu) = workspace.diagnose(&bought.collect::<Vec<_>>())?;
-        let run = FollowUpRun {
-            experiment: next,
-            minutes,
-        };
-        steps.push(step(&folder, Some(run), &outcome.diagnosis));
-    };
+    workspace.diagnose(None, bench.left())?;
+    let (ended, failure) = bench.play(&mut workspace)?;
     write_dataset(&means.out.join("dataset"), &workspace.loaded.set)
         .map_err(|error| Failure::Analysis(error.to_string()))?;
-    let refused = &workspace.loaded.refused;
-    write_augmented(means.out, &file.into(), &outcome, refused)?;
+    let Workspace {
+        loaded,
+        outcome: Some(outcome),
+        steps,
+        ..
+    } = workspace
+    else {
+        return Err(nothing_diagnosed());
+    };
+    write_augmented(means.out, &file.into(), &outcome, &loaded.refused)?;
     let investigation = Investigation {
         schema: SCHEMA,
         name: experiment.name.clone(),
         budget: means.budget,
-        spent: workspace.spent,
+        spent: bench.spent,
         steps,
         end: ended.end,
         end_text: ended.text,
         not_played: ended.not_played,
-        refused_points: workspace.refused,
+        refused_points: bench.refused,
         diagnosis: outcome.diagnosis,
         failure,
     };
@@ -135,32 +114,21 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
     Ok(investigation)
 }
 
-/// End of an investigation.
-struct Ended {
-    end: End,
-    text: String,
-    not_played: Vec<NotPlayed>,
+fn nothing_diagnosed() -> Failure {
+    Failure::Analysis("expected a diagnosis of the campaign, found none".to_owned())
 }
 
-impl Ended {
-    fn without_runs(end: End, text: impl Into<String>) -> Self {
-        Self {
-            end,
-            text: text.into(),
-            not_played: Vec::new(),
-        }
-    }
-}
-
+/// Everything measured so far, and what follows from it.
 struct Workspace<'a> {
     experiment: &'a Experiment,
-    means: &'a Means<'a>,
-    session: Session,
     model: BaseModel,
     loaded: Loaded,
-    spent: Budget,
-    /// Points that the quality gate has refused so far.
-    refused: usize,
+    /// The last diagnosis.
+    outcome: Option<Outcome>,
+    menu: MenuOutcome,
+    steps: Vec<Step>,
+    /// Folder of the campaign.
+    first: PathBuf,
 }
 
 /// Results of the runs of the menu.
@@ -195,8 +163,29 @@ impl MenuOutcome {
 }
 
 impl Workspace<'_> {
+    /// Diagnoses everything measured so far, and notes what became of the runs of the menu for the rest
+    /// of the budget. A step is added: that of the run that was bought, else that of the campaign.
+    fn diagnose(&mut self, bought: Option<Bought>, left: Budget) -> Result<(), Failure> {
+        let names = self.steps.iter().filter_map(Step::bought);
+        let names: Vec<&'static str> = names
+            .chain(bought.iter().map(|bought| bought.run.experiment.name))
+            .collect();
+        let (outcome, menu) = self.diagnosed(&names, left)?;
+        let (folder, run) = bought.map_or_else(
+            || (folder_name(&self.first), None),
+            |bought| (bought.folder, Some(bought.run)),
+        );
+        self.steps.push(step(folder, run, &outcome.diagnosis));
+        (self.outcome, self.menu) = (Some(outcome), menu);
+        Ok(())
+    }
+
     /// The diagnosis of everything measured so far, and what became of the runs of the menu.
-    fn diagnose(&self, bought: &[&'static str]) -> Result<(Outcome, MenuOutcome), Failure> {
+    fn diagnosed(
+        &self,
+        bought: &[&'static str],
+        left: Budget,
+    ) -> Result<(Outcome, MenuOutcome), Failure> {
         let limits = &self.experiment.cell.limits;
         let part = |limit_a: f64| LIMIT_PART * limit_a.min(BENCH_A);
         let limits = BenchLimits {
@@ -208,7 +197,7 @@ impl Workspace<'_> {
         let menu = Arc::new(Mutex::new(MenuOutcome::default()));
         let options = DiagnosisOptions {
             limits: Some(limits),
-            playable: Some(self.playable(bought, menu.clone())),
+            playable: Some(self.playable(bought, left, menu.clone())),
             next_run_first: true,
             ..DiagnosisOptions::default()
         };
@@ -232,12 +221,16 @@ impl Workspace<'_> {
 
     /// Refuses runs that were executed often enough, that bench or cell do not permit, or that
     /// exceed the budget.
-    fn playable(&self, bought: &[&'static str], menu: Arc<Mutex<MenuOutcome>>) -> Playable {
+    fn playable(
+        &self,
+        bought: &[&'static str],
+        left: Budget,
+        menu: Arc<Mutex<MenuOutcome>>,
+    ) -> Playable {
         let (site, bought) = (
             Site::new(self.experiment, &self.loaded.set, &self.model.ocv),
             bought.to_vec(),
         );
-        let left = self.means.budget.less(self.spent);
         Arc::new(move |name, runs| {
             let charge_ah: f64 = runs.iter().map(PlannedRun::charge_ah).sum();
             let found = match site
@@ -269,27 +262,17 @@ impl Workspace<'_> {
     }
 
     /// The experiment that is worth its price, or why the investigation ends.
-    fn next(
-        &self,
-        outcome: &Outcome,
-        menu: MenuOutcome,
-        steps: &[Step],
-    ) -> Result<(NextExperiment, Experiment), Ended> {
+    fn worth(&self, outcome: &Outcome) -> Result<(NextExperiment, Experiment), Ended> {
         match settled(outcome.diagnosis.verdict) {
             Some((end, text)) => Err(Ended::without_runs(end, text)),
-            None => self.next_open(outcome, menu, steps),
+            None => self.worth_open(outcome),
         }
     }
 
-    /// As [`Self::next`], while a question is open.
-    fn next_open(
-        &self,
-        outcome: &Outcome,
-        menu: MenuOutcome,
-        steps: &[Step],
-    ) -> Result<(NextExperiment, Experiment), Ended> {
+    /// As [`Self::worth`], while a question is open.
+    fn worth_open(&self, outcome: &Outcome) -> Result<(NextExperiment, Experiment), Ended> {
         let Some(next) = &outcome.diagnosis.next_experiment else {
-            let not_played = menu.not_played();
+            let not_played = self.menu.clone().not_played();
             let dear = not_played.iter().any(|run| run.why == WhyNot::Cost);
             let (end, text) = if dear {
                 (
@@ -307,7 +290,7 @@ impl Workspace<'_> {
                 ..Ended::without_runs(end, text)
             });
         };
-        if steps.len() > MOST_RUNS {
+        if self.steps.len() > MOST_RUNS {
             return Err(Ended::without_runs(End::Budget, most_played()));
         }
         let site = Site::new(self.experiment, &self.loaded.set, &self.model.ocv);
@@ -327,39 +310,53 @@ impl Workspace<'_> {
             }),
         }
     }
+}
 
-    /// Runs an experiment and joins its measurements; returns the minutes that it took.
-    fn buy(
-        &mut self,
-        experiment: &Experiment,
-        next: &NextExperiment,
-        runs: &[PlannedRun],
-        folder: &Path,
-    ) -> Result<f64, Failure> {
-        let start_s = self.session.now_s();
-        self.refused += self.session.run(experiment, folder)?.measured.refused();
-        let minutes = (self.session.now_s() - start_s) / 60.0;
-        self.spent = self.spent.plus(Budget {
-            minutes,
-            charge_ah: next.charge_ah,
-        });
-        join::add(
-            &mut self.loaded,
-            join::Folders {
-                first: &self.means.out.join("campaign"),
-                later: folder,
+impl Question for Workspace<'_> {
+    fn next(&mut self, _: Budget) -> Result<Next, Failure> {
+        let outcome = self.outcome.as_ref().ok_or_else(nothing_diagnosed)?;
+        Ok(match self.worth(outcome) {
+            Ok((next, experiment)) => Next::Play(Box::new(Planned {
+                name: next.name.to_owned(),
+                description: next.description,
+                experiment,
+                charge_ah: next.charge_ah,
+            })),
+            Err(ended) => Next::End(ended),
+        })
+    }
+
+    /// Joins the measurements of the recommended run, and diagnoses all.
+    fn take(&mut self, played: &Played<'_>) -> Result<(), Failure> {
+        let outcome = self.outcome.as_ref().ok_or_else(nothing_diagnosed)?;
+        let Some(experiment) = outcome.diagnosis.next_experiment.clone() else {
+            return Err(nothing_diagnosed());
+        };
+        let folders = join::Folders {
+            first: &self.first,
+            later: played.folder,
+        };
+        join::add(&mut self.loaded, folders, &outcome.next_runs)?;
+        let bought = Bought {
+            folder: folder_name(played.folder),
+            run: FollowUpRun {
+                experiment,
+                minutes: played.minutes,
             },
-            runs,
-        )?;
-        Ok(minutes)
+        };
+        self.diagnose(Some(bought), played.left)
     }
 }
 
-fn step(folder: &Path, bought: Option<FollowUpRun>, diagnosis: &Diagnosis) -> Step {
+/// A run that was bought, and its folder.
+struct Bought {
+    folder: String,
+    run: FollowUpRun,
+}
+
+fn step(folder: String, bought: Option<FollowUpRun>, diagnosis: &Diagnosis) -> Step {
     Step {
-        folder: folder
-            .file_name()
-            .map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        folder,
         bought,
         verdict: diagnosis.verdict,
         effects: diagnosis.effects.iter().map(|effect| effect.name).collect(),

@@ -31,6 +31,10 @@ pub enum End {
     AtNoiseFloor,
     /// The data cannot be used.
     Invalid,
+    /// The predicted error of the loads of a map is small enough.
+    ErrorReached,
+    /// The next measurement of a map takes less off the error of the loads than its time is worth.
+    GainBelowCost,
     /// No remaining run of the menu that this bench can execute adds information.
     NoExperiment,
     /// The rest of the budget does not pay for a run that may add information.

@@ -1,0 +1,244 @@
+//! The experiment with a map from which others are made: the same bench, cell, limits, sweep and
+//! pulses, at chosen points.
+
+use std::{
+    fmt::Write as _,
+    path::{Component, Path, PathBuf},
+};
+
+use analysis::map::{Measurement, Next};
+use bench_core::safety::failure::Failure;
+use bench_plan::{
+    config::{
+        ConfigError, Experiment, MapPlace, MapProcedure, Source, Temperature, resolve_experiment,
+    },
+    plan::percent,
+    procedure,
+};
+
+/// An experiment with a map.
+#[derive(Debug, Clone)]
+pub struct Base {
+    experiment: Experiment,
+    map: MapProcedure,
+    temperature: Temperature,
+    source: Source,
+    /// The file of the bench.
+    bench: PathBuf,
+}
+
+impl Base {
+    /// Takes an experiment as base.
+    ///
+    /// # Errors
+    /// An experiment without `[map]`.
+    pub fn of(experiment: &Experiment) -> Result<Self, Failure> {
+        let [source, bench, ..] = &experiment.sources[..] else {
+            return Err(Failure::Usage(format!(
+                "{}: expected an experiment that was read from files",
+                experiment.name
+            )));
+        };
+        let (Some(map), Some(temperature)) = (&experiment.map, experiment.temperature) else {
+            let reason = "expected a section [map], whose sweep, pulses and limits further points take, \
+                found none";
+            return Err(source.complain("(whole file)", reason).into());
+        };
+        Ok(Self {
+            map: map.clone(),
+            temperature,
+            source: source.clone(),
+            bench: bench.path().to_owned(),
+            experiment: experiment.clone(),
+        })
+    }
+
+    /// The experiment.
+    pub fn experiment(&self) -> &Experiment {
+        &self.experiment
+    }
+
+    /// The map of the experiment.
+    pub fn map(&self) -> &MapProcedure {
+        &self.map
+    }
+
+    /// Returns an experiment that measures points.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for a point that the limits of cell and bench do not allow.
+    pub fn at(&self, name: &str, places: &[MapPlace]) -> Result<Experiment, ConfigError> {
+        let text = self.edited(name, places, None)?;
+        let source = self.source.with_text(self.source.path(), text);
+        let mut experiment = resolve_experiment(source, Some(&self.bench))?;
+        experiment.seed = self.experiment.seed;
+        Ok(experiment)
+    }
+
+    /// Returns the text of a file that measures points, after checking it as `plan` does.
+    ///
+    /// # Errors
+    /// A file of bench or cell that cannot be read; a point that the limits of cell and bench do not
+    /// allow.
+    pub fn text_at(&self, file: &Path, places: &[MapPlace]) -> Result<String, Failure> {
+        let name = named(file);
+        let folder = file.parent().unwrap_or(Path::new("."));
+        let text = self.edited(&name, places, Some(folder))?;
+        // What the file names is read from the disk, also if the base is a copy in a run folder.
+        let of_disk = Source::read(&self.bench).map_err(|error| {
+            Failure::Usage(format!(
+                "{error}; --experiment gives another experiment with a [map]"
+            ))
+        })?;
+        let experiment = resolve_experiment(of_disk.with_text(file, text.clone()), None)?;
+        procedure::plan(&experiment).check(&experiment.cell.limits)?;
+        let same = experiment.map.is_some_and(|map| map.places == places);
+        same.then_some(text).ok_or_else(|| {
+            let reason = "expected `soc` or `points` as one list in brackets";
+            self.source.complain("map", reason).into()
+        })
+    }
+
+    /// Returns the text of the base with other points and another name; for another folder also with
+    /// other paths.
+    fn edited(
+        &self,
+        name: &str,
+        places: &[MapPlace],
+        folder: Option<&Path>,
+    ) -> Result<String, ConfigError> {
+        let source = &self.source;
+        let listed = ["map.soc", "map.points"];
+        let place = listed.iter().find_map(|field| source.place_of(field));
+        let place = place.ok_or_else(|| {
+            source.complain("map", "expected `soc` or `points`, found neither")
+        })?;
+        let mut edits = vec![(place.key.start..place.value.end, points_text(places))];
+        let mut value = |field: &str, text: &str| {
+            if let Some(place) = source.place_of(field) {
+                edits.push((place.value, format!("{text:?}")));
+            }
+        };
+        value("name", name);
+        if let Some(folder) = folder {
+            value("bench", &seen_from(folder, &self.bench));
+            let cell = self.experiment.sources.get(2).map(Source::path);
+            if let Some(cell) = cell {
+                value("cell", &seen_from(folder, cell));
+            }
+        }
+        edits.sort_by_key(|(range, _)| std::cmp::Reverse(range.start));
+        let mut text = source.text().to_owned();
+        for (range, new) in edits {
+            text.replace_range(range, &new);
+        }
+        Ok(text)
+    }
+
+    /// Returns chosen measurements as points, each once, in the order in which they are measured: the
+    /// temperatures nearest to that of the charge first, and at each from high to low charge.
+    pub fn in_order(&self, chosen: &[Next]) -> Vec<MapPlace> {
+        let mut places: Vec<MapPlace> = Vec::new();
+        for next in chosen {
+            let (soc, temperature_degc) = (next.soc, next.temperature_degc);
+            let is_here = |place: &&mut MapPlace| {
+                place.soc == soc && place.temperature_degc == temperature_degc
+            };
+            let (spectrum, pulses) = match next.what {
+                Measurement::Spectrum => (true, false),
+                Measurement::Pulses => (false, true),
+            };
+            match places.iter_mut().find(is_here) {
+                Some(place) => {
+                    place.spectrum |= spectrum;
+                    place.pulses |= pulses;
+                }
+                None => places.push(MapPlace {
+                    soc,
+                    temperature_degc,
+                    spectrum,
+                    pulses,
+                }),
+            }
+        }
+        let from_charge_k =
+            |place: &MapPlace| (place.temperature_degc - self.temperature.setpoint_degc).abs();
+        places.sort_by(|a, b| {
+            let by_bath = from_charge_k(a).total_cmp(&from_charge_k(b));
+            let by_degc = b.temperature_degc.total_cmp(&a.temperature_degc);
+            by_bath.then(by_degc).then(b.soc.total_cmp(&a.soc))
+        });
+        places
+    }
+}
+
+/// The name of an experiment in a file: that of the file, with the characters of names.
+fn named(file: &Path) -> String {
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    let dashed = |c: char| {
+        if c.is_ascii_alphanumeric() || c == '_' {
+            c
+        } else {
+            '-'
+        }
+    };
+    stem.chars().map(dashed).collect()
+}
+
+/// The points as the list of `[map]`.
+fn points_text(places: &[MapPlace]) -> String {
+    let mut text = "points = [\n".to_owned();
+    for place in places {
+        let measured = [
+            (place.spectrum, "\"spectrum\""),
+            (place.pulses, "\"pulses\""),
+        ];
+        let measured: Vec<&str> = measured
+            .iter()
+            .filter_map(|(is_measured, name)| is_measured.then_some(*name))
+            .collect();
+        // Writing into a string cannot fail.
+        let _ = writeln!(
+            text,
+            "    {{ soc = \"{} %\", temperature = \"{} °C\", measure = [{}] }},",
+            percent(place.soc),
+            place.temperature_degc,
+            measured.join(", ")
+        );
+    }
+    text + "]"
+}
+
+/// Returns a path relative to a folder; absolute if they have no common part.
+fn seen_from(folder: &Path, path: &Path) -> String {
+    let (Some(folder), Some(path)) = (plain(folder), plain(path)) else {
+        return path.display().to_string();
+    };
+    let (from, to): (Vec<_>, Vec<_>) = (
+        folder.components().collect(),
+        path.components().collect(),
+    );
+    let shared = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    // Below the root alone, an absolute path is easier to read.
+    if shared < 2 {
+        return path.display().to_string();
+    }
+    let up = from[shared..].iter().map(|_| Component::ParentDir);
+    let relative: PathBuf = up.chain(to[shared..].iter().copied()).collect();
+    relative.display().to_string()
+}
+
+/// An absolute path without `.` and `..`.
+fn plain(path: &Path) -> Option<PathBuf> {
+    let mut plain = PathBuf::new();
+    for part in std::path::absolute(path).ok()?.components() {
+        match part {
+            Component::ParentDir => {
+                plain.pop();
+            }
+            Component::CurDir => {}
+            other => plain.push(other),
+        }
+    }
+    Some(plain)
+}

@@ -1,0 +1,135 @@
+//! Reads the data of a map from data sets and run folders.
+
+use std::path::Path;
+
+use analysis::{
+    diagnosis::{Fixture, Run, RunData, Start},
+    map::{MapData, MapLog, MapPoint, MapSpectrum},
+    ocv::OcvCurve,
+    series::{Role, TimeSeries},
+};
+use bench_core::safety::failure::Failure;
+use bench_plan::support::terminal::remark;
+
+use crate::investigate::dataset::Loaded;
+
+/// Adds the runs of a cell in a data set or in a run folder. A run keeps its role unless all are held
+/// out.
+///
+/// # Errors
+/// Runs that cannot be read, or that start at a voltage beyond the curve.
+pub fn add_folder(
+    path: &Path,
+    of_all: Role,
+    cell: &str,
+    loaded: Loaded,
+    curve: &OcvCurve,
+    data: &mut MapData,
+) -> Result<(), Failure> {
+    let Loaded {
+        set,
+        problems,
+        notes,
+        ..
+    } = loaded;
+    for note in &notes {
+        remark!("{}: {note}", path.display());
+    }
+    if let Some(problem) = problems.first() {
+        return Err(Failure::Usage(format!("{}: {problem}", path.display())));
+    }
+    let of_cell = |run: &&Run| matches!(&run.fixture, Fixture::Cell(name) if name == cell);
+    for run in set.runs.iter().filter(of_cell) {
+        let held_out = of_all == Role::HeldOut || run.is_held_out();
+        let role = if held_out {
+            Role::HeldOut
+        } else {
+            Role::Train
+        };
+        let soc = soc(run, path, curve)?;
+        match &run.data {
+            RunData::Eis(sweep) if sweep.bias_a != 0.0 => {
+                remark!(
+                    "{}: {} is left out: it was measured under {} A, and a map takes spectra at rest",
+                    path.display(),
+                    run.name,
+                    sweep.bias_a
+                );
+            }
+            RunData::Eis(sweep) => data.spectra.push(MapSpectrum {
+                name: run.name.clone(),
+                role,
+                soc,
+                temperature_degc: run.temperature_degc,
+                points: sweep
+                    .points
+                    .iter()
+                    .map(|point| MapPoint {
+                        freq_hz: point.freq_hz,
+                        z_ohm: point.z_ohm,
+                        sigma_ohm: point.sigma_ohm.map(|(re, im)| re.max(im)),
+                    })
+                    .collect(),
+            }),
+            RunData::Time(record) => data.logs.push(MapLog {
+                series: TimeSeries {
+                    name: run.name.clone(),
+                    ..record.series.clone()
+                },
+                soc_start: Some(soc),
+                net_ah: None,
+                temperature_degc: Some(run.temperature_degc),
+                role,
+            }),
+        }
+    }
+    Ok(())
+}
+
+/// The SOC at the start of a run.
+fn soc(run: &Run, path: &Path, curve: &OcvCurve) -> Result<f64, Failure> {
+    match run.start {
+        Start::Soc(soc) => Ok(soc),
+        Start::Ocv(met_v) => curve.soc_at(met_v).ok_or_else(|| {
+            let (low_v, high_v) = (curve.ocv_v[0], curve.ocv_v[curve.ocv_v.len() - 1]);
+            Failure::Usage(format!(
+                "{}: {} starts at {met_v:.4} V, expected a voltage of the OCV curve, {low_v:.4} to \
+                {high_v:.4} V",
+                path.display(),
+                run.name
+            ))
+        }),
+    }
+}
+
+/// Returns the one cell of a folder, or the one that is chosen.
+///
+/// # Errors
+/// Several cells, or none of the chosen name.
+pub fn one_cell(path: &Path, runs: &[Run], chosen: Option<&str>) -> Result<String, Failure> {
+    let mut cells: Vec<&str> = Vec::new();
+    for run in runs {
+        if let Fixture::Cell(name) = &run.fixture
+            && !cells.contains(&name.as_str())
+        {
+            cells.push(name);
+        }
+    }
+    let refuse = |expected: String| {
+        let found = if cells.is_empty() {
+            "none".to_owned()
+        } else {
+            cells.join(", ")
+        };
+        Err(Failure::Usage(format!(
+            "{}: expected {expected}, found {found}",
+            path.display()
+        )))
+    };
+    match (chosen, &cells[..]) {
+        (Some(name), _) if cells.contains(&name) => Ok(name.to_owned()),
+        (Some(name), _) => refuse(format!("a cell {name}")),
+        (None, [cell]) => Ok((*cell).to_owned()),
+        (None, _) => refuse("runs of one cell; --specimen chooses one".to_owned()),
+    }
+}

@@ -1,0 +1,9 @@
+//! Maps of a cell: the data of a fit from data sets and run folders ([`data`]), its files
+//! ([`files`]), the current of a cell under the loads of a pack ([`loads`]), and the experiment that
+//! measures chosen points ([`base`]), of those that a bench offers ([`offers`]).
+
+pub mod base;
+pub mod data;
+pub mod files;
+pub mod loads;
+pub mod offers;

@@ -1,0 +1,150 @@
+//! What the bench of an experiment can measure at which point, and how long that takes.
+
+use analysis::map::{Choices, Offer, PulsePart, Signal};
+use bench_core::safety::failure::Failure;
+use bench_plan::{
+    config::{Experiment, MapPlace},
+    plan::{MapPoint, Plan, Purpose, Stage, Step, TracePlan, percent},
+    procedure,
+};
+
+use super::base::Base;
+
+/// Measurements to choose from, and the points that are left out.
+#[derive(Debug, Clone)]
+pub struct Offers {
+    /// The measurements.
+    pub choices: Choices,
+    /// Why points are left out, as sentences.
+    pub notes: Vec<String>,
+}
+
+impl Offers {
+    /// Finds what an experiment can measure at each of its temperatures: at every 10 % of charge and at
+    /// the charges of its own points.
+    ///
+    /// # Errors
+    /// No point that the limits of cell and bench allow.
+    pub fn of(base: &Base) -> Result<Self, Failure> {
+        let map = base.map();
+        let mut offers = Self {
+            choices: Choices {
+                offers: Vec::new(),
+                rest_min: 0.0,
+                temperature_min: 0.0,
+                travel_a: map.legs.discharge_a,
+            },
+            notes: Vec::new(),
+        };
+        for at in &map.temperatures {
+            for soc in socs(base) {
+                offers.add(base, soc, at.degc);
+            }
+        }
+        if offers.choices.offers.is_empty() {
+            return Err(Failure::Usage(format!(
+                "expected a point that the limits of cell and bench allow, found none: {}",
+                offers.notes.join("; ")
+            )));
+        }
+        Ok(offers)
+    }
+
+    /// Adds what can be measured at a point.
+    fn add(&mut self, base: &Base, soc: f64, temperature_degc: f64) {
+        let place = MapPlace {
+            soc,
+            temperature_degc,
+            spectrum: base.map().places.iter().any(|place| place.spectrum),
+            pulses: base.map().pulses.is_some(),
+        };
+        match planned(base, &place) {
+            Ok(plan) => self.take(&plan),
+            Err(reason) => self.notes.push(format!(
+                "{} % at {temperature_degc} °C is left out: {reason}",
+                percent(soc)
+            )),
+        }
+    }
+
+    /// Takes the measurements of a plan of one point.
+    fn take(&mut self, plan: &Plan) {
+        let mut temperature_s = 0.0;
+        for stage in &plan.stages {
+            match (stage.purpose, stage.point()) {
+                (Purpose::Temperature | Purpose::SocReset, _) => temperature_s += expected_s(stage),
+                (Purpose::MapPoint, _) => {
+                    let rests = stage.steps.iter();
+                    let rests = rests.filter(|step| matches!(step, Step::Rest { .. }));
+                    self.choices.rest_min = rests.map(Step::expected_s).sum::<f64>() / 60.0;
+                }
+                (_, Some(point)) => self.choices.offers.extend(offer(stage, &point)),
+                (_, None) => {}
+            }
+        }
+        self.choices.temperature_min = temperature_s / 60.0;
+    }
+}
+
+/// States of charge to choose from, rising: every 10 %, and those of the experiment.
+fn socs(base: &Base) -> Vec<f64> {
+    let own = base.map().places.iter().map(|place| place.soc);
+    let mut socs: Vec<f64> = Choices::SOC.into_iter().chain(own).collect();
+    socs.sort_by(f64::total_cmp);
+    socs.dedup();
+    socs
+}
+
+/// The plan of one point, checked.
+fn planned(base: &Base, place: &MapPlace) -> Result<Plan, String> {
+    let experiment: Experiment = base
+        .at("next", &[*place])
+        .map_err(|error| error.to_string())?;
+    let plan = procedure::plan(&experiment);
+    let checked = plan.check(&experiment.cell.limits);
+    checked
+        .map(|checked| checked.plan().clone())
+        .map_err(|error| error.to_string())
+}
+
+fn expected_s(stage: &Stage) -> f64 {
+    stage.steps.iter().map(Step::expected_s).sum()
+}
+
+/// What a stage measures at a point.
+fn offer(stage: &Stage, point: &MapPoint) -> Option<Offer> {
+    let mut freqs_hz = Vec::new();
+    let mut parts = Vec::new();
+    for step in &stage.steps {
+        match step {
+            Step::Sine { freq_hz, .. } => freqs_hz.push(*freq_hz),
+            Step::Multisine(band) => {
+                let lines = band.design.harmonics.iter();
+                freqs_hz.extend(lines.map(|line| *line as f64 * band.base_hz));
+            }
+            Step::Trace(trace) => parts.extend(parts_of(trace)),
+            _ => {}
+        }
+    }
+    let signal = match (freqs_hz.is_empty(), parts.is_empty()) {
+        (false, _) => Signal::Spectrum { freqs_hz },
+        (true, false) => Signal::Pulses(parts),
+        (true, true) => return None,
+    };
+    Some(Offer {
+        soc: point.soc,
+        temperature_degc: point.temperature_degc,
+        signal,
+        minutes: expected_s(stage) / 60.0,
+    })
+}
+
+/// The currents of a trace one after the other; a discharge is positive here.
+fn parts_of(trace: &TracePlan) -> impl Iterator<Item = PulsePart> {
+    let ends_s = trace.levels.iter().skip(1).map(|level| level.at_s);
+    let ends_s = ends_s.chain([trace.length_s()]);
+    trace.levels.iter().zip(ends_s).map(|(level, end_s)| PulsePart {
+        current_a: 0.0 - level.current_a,
+        duration_s: end_s - level.at_s,
+    })
+}
