@@ -127,7 +127,9 @@ fn aims(args: &InvestigateArgs, experiment: &Experiment) -> Result<Option<Aims>,
                 ("--error-mv", args.error_mv),
                 ("--least-mv-per-hour", args.least_mv_per_hour),
             ];
-            let wrong = numbers.iter().find(|(_, mv)| !(mv.is_finite() && *mv >= 0.0));
+            let wrong = numbers
+                .iter()
+                .find(|(_, mv)| !(mv.is_finite() && *mv >= 0.0));
             let Some((name, mv)) = wrong else {
                 return Ok(Some(Aims {
                     demands,
@@ -158,7 +160,10 @@ fn end_of_map(
         say!("stop: {}", investigation.ended.end_text);
         say!("written to {}", means.out.display());
     }
-    match (investigation.failure.take(), investigation.ended.refused_points) {
+    match (
+        investigation.failure.take(),
+        investigation.ended.refused_points,
+    ) {
         (Some(failure), _) => Err(failure),
         (None, 0) => Ok(()),
         (None, count) => Err(Failure::Refused { count }),

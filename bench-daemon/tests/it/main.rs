@@ -48,6 +48,7 @@ mod kill;
 mod kk;
 mod lies;
 mod map;
+mod map_next;
 mod map_points;
 mod mock_process;
 mod multisine;

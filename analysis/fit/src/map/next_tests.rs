@@ -103,3 +103,26 @@ fn the_way_and_the_rest_count_once_for_a_place() {
     );
     assert!((second.minutes - own(second.what)).abs() < 0.2, "{plan:?}");
 }
+
+/// The error of a load is the root of the mean of the diagonal of X·Σ·Xᵀ, which the square of few
+/// columns gives without the others.
+#[test]
+fn rows_without_their_empty_columns_give_the_same_error() {
+    let rows = DMatrix::from_fn(40, 9, |i, j| {
+        let touched = [1, 2, 5, 8].contains(&j);
+        let value = ((7 * i + 3 * j) % 11) as f64 - 5.0;
+        if touched { value } else { 0.0 }
+    });
+    let root = DMatrix::from_fn(9, 9, |i, j| ((5 * i + 2 * j) % 7) as f64 - 2.5);
+    let covariance = &root * root.transpose();
+    let few = Rows::of(&rows);
+    assert_eq!(few.columns, [1, 2, 5, 8]);
+    let mut square = DMatrix::zeros(9, 9);
+    few.add_square_to(&mut square);
+    assert!((&square - rows.tr_mul(&rows)).norm() < 1e-9);
+    let dense = &rows * &covariance * rows.transpose();
+    assert!((covariance.dot(&square) / dense.trace() - 1.0).abs() < 1e-12);
+    assert!((few.around(&covariance) - &dense).norm() < 1e-9 * dense.norm());
+    let gain = &covariance * rows.transpose();
+    assert!((few.after(&covariance) - &gain).norm() < 1e-9 * gain.norm());
+}

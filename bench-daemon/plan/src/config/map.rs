@@ -328,7 +328,10 @@ impl Check<'_> {
         ];
         for (field, peak_a) in signals {
             let Some(peak_a) = peak_a else { continue };
-            let swept = map.runs().zip(&map.places).filter(|(_, place)| place.spectrum);
+            let swept = map
+                .runs()
+                .zip(&map.places)
+                .filter(|(_, place)| place.spectrum);
             for point in swept.filter_map(|(run, _)| run.point) {
                 let (low_v, high_v) = map.band_v(point.soc);
                 let swing_v = peak_a * map.resistance_ohm(point.temperature_degc);

@@ -105,7 +105,9 @@ impl Check<'_> {
             let place = self.map_point(number, point, temperatures, has)?;
             let field = |name: &str| format!("map.points.{number}.{name}");
             let degc = place.temperature_degc;
-            let before = places.iter().rposition(|known| known.temperature_degc == degc);
+            let before = places
+                .iter()
+                .rposition(|known| known.temperature_degc == degc);
             if let Some(before) = before {
                 if before + 1 < places.len() {
                     let reason = format!(

@@ -207,13 +207,17 @@ impl Source {
         let mut table = document.get_ref();
         let (outer, last) = field.rsplit_once('.').unwrap_or(("", field));
         for name in outer.split('.').filter(|name| !name.is_empty()) {
-            let (_, value) = table.iter().find(|(key, _)| key.get_ref().as_ref() == name)?;
+            let (_, value) = table
+                .iter()
+                .find(|(key, _)| key.get_ref().as_ref() == name)?;
             let DeValue::Table(inner) = value.get_ref() else {
                 return None;
             };
             table = inner;
         }
-        let (key, value) = table.iter().find(|(key, _)| key.get_ref().as_ref() == last)?;
+        let (key, value) = table
+            .iter()
+            .find(|(key, _)| key.get_ref().as_ref() == last)?;
         Some(FieldPlace {
             key: key.span(),
             value: value.span(),

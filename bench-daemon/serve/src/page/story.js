@@ -630,6 +630,8 @@ const TOLD = {
   ended: {
     explained: ["✓", "good"],
     at_noise_floor: ["✓", "good"],
+    error_reached: ["✓", "good"],
+    gain_below_cost: ["✓", "good"],
     no_experiment: ["?", "note"],
     budget: ["■", "note"],
     stopped: ["■", "note"],

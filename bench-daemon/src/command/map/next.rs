@@ -55,7 +55,8 @@ pub(super) fn read(next: &NextArgs, data: &[PathBuf]) -> Result<Option<Wanted>, 
         if next.loads.under.is_empty() {
             return Ok(None);
         }
-        let reason = "--under: expected --next, whose measurements are chosen for the loads, found none";
+        let reason =
+            "--under: expected --next, whose measurements are chosen for the loads, found none";
         return Err(Failure::Usage(reason.to_owned()));
     }
     let base = match &next.experiment {

@@ -110,9 +110,8 @@ impl Base {
         let source = &self.source;
         let listed = ["map.soc", "map.points"];
         let place = listed.iter().find_map(|field| source.place_of(field));
-        let place = place.ok_or_else(|| {
-            source.complain("map", "expected `soc` or `points`, found neither")
-        })?;
+        let place = place
+            .ok_or_else(|| source.complain("map", "expected `soc` or `points`, found neither"))?;
         let mut edits = vec![(place.key.start..place.value.end, points_text(places))];
         let mut value = |field: &str, text: &str| {
             if let Some(place) = source.place_of(field) {
@@ -214,10 +213,7 @@ fn seen_from(folder: &Path, path: &Path) -> String {
     let (Some(folder), Some(path)) = (plain(folder), plain(path)) else {
         return path.display().to_string();
     };
-    let (from, to): (Vec<_>, Vec<_>) = (
-        folder.components().collect(),
-        path.components().collect(),
-    );
+    let (from, to): (Vec<_>, Vec<_>) = (folder.components().collect(), path.components().collect());
     let shared = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
     // Below the root alone, an absolute path is easier to read.
     if shared < 2 {
@@ -241,4 +237,74 @@ fn plain(path: &Path) -> Option<PathBuf> {
         }
     }
     Some(plain)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bench_plan::config::load_experiment;
+
+    fn example() -> Base {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/experiments/map.toml");
+        Base::of(&load_experiment(&file, None).unwrap()).unwrap()
+    }
+
+    fn next(soc: f64, temperature_degc: f64, what: Measurement) -> Next {
+        Next {
+            soc,
+            temperature_degc,
+            what,
+            minutes: 10.0,
+            error_v: 0.01,
+        }
+    }
+
+    #[test]
+    fn chosen_measurements_become_points_by_temperature_and_falling_charge() {
+        let chosen = [
+            next(0.2, 10.0, Measurement::Pulses),
+            next(0.5, 25.0, Measurement::Spectrum),
+            next(0.7, 10.0, Measurement::Spectrum),
+            next(0.2, 10.0, Measurement::Spectrum),
+            next(0.9, 25.0, Measurement::Pulses),
+        ];
+        let place = |soc, temperature_degc, spectrum, pulses| MapPlace {
+            soc,
+            temperature_degc,
+            spectrum,
+            pulses,
+        };
+        // The cell is charged at 25 °C.
+        let expected = [
+            place(0.9, 25.0, false, true),
+            place(0.5, 25.0, true, false),
+            place(0.7, 10.0, true, false),
+            place(0.2, 10.0, true, true),
+        ];
+        let base = example();
+        let places = base.in_order(&chosen);
+        assert_eq!(places, expected);
+        let experiment = base.at("next", &places).unwrap();
+        assert_eq!(experiment.name, "next");
+        assert_eq!(experiment.map.unwrap().places, expected);
+        // The limits are those of the base.
+        assert_eq!(
+            experiment.cell.limits.max_v,
+            base.experiment().cell.limits.max_v
+        );
+        let other = place(0.5, 0.0, true, true);
+        let refused = base.at("next", &[other]).unwrap_err().to_string();
+        assert!(
+            refused.contains("map.points.1.temperature: expected one of the temperatures of [map]"),
+            "{refused}"
+        );
+    }
+
+    #[test]
+    fn a_file_is_seen_from_the_folder_of_another() {
+        let seen = |folder: &str, path: &str| seen_from(Path::new(folder), Path::new(path));
+        assert_eq!(seen("/a/b/c", "/a/b/../b/d/x.toml"), "../d/x.toml");
+        assert_eq!(seen("/a/b", "/a/b/x.toml"), "x.toml");
+        assert_eq!(seen("/tmp/b", "/home/x.toml"), "/home/x.toml");
+    }
 }

@@ -41,11 +41,7 @@ pub fn add_folder(
     let of_cell = |run: &&Run| matches!(&run.fixture, Fixture::Cell(name) if name == cell);
     for run in set.runs.iter().filter(of_cell) {
         let held_out = of_all == Role::HeldOut || run.is_held_out();
-        let role = if held_out {
-            Role::HeldOut
-        } else {
-            Role::Train
-        };
+        let role = if held_out { Role::HeldOut } else { Role::Train };
         let soc = soc(run, path, curve)?;
         match &run.data {
             RunData::Eis(sweep) if sweep.bias_a != 0.0 => {

@@ -259,3 +259,39 @@ impl Behind {
         Some((between(&self.e_v), between(&self.r_ohm)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_averaged_demand_moves_the_same_energy() {
+        let rows = [
+            (0.0, 100.0),
+            (0.02, -40.0),
+            (0.04, 10.0),
+            (0.07, 250.0),
+            (0.3, 30.0),
+            (0.31, 0.0),
+        ];
+        let profile = Profile::new("p", Demand::Power, Interpolation::Hold, &rows).unwrap();
+        let coarse = averaged(&profile);
+        assert_eq!(coarse.time_s, [0.0, 0.07, 0.3, 0.31]);
+        // 2 J − 0.8 J + 0.3 J over 70 ms.
+        let expected = [1.5 / 0.07, 250.0, 30.0, 0.0];
+        for (found, expected) in coarse.value.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-9, "{coarse:?}");
+        }
+    }
+
+    #[test]
+    fn a_current_answers_each_kind_of_demand() {
+        // (4 V − 0.1 Ω·10 A)·10 A are 30 W; the most is 40 W.
+        let current_a = |demand, value| answer(demand, value, 4.0, 0.1);
+        assert!((current_a(Demand::Power, 30.0).unwrap() - 10.0).abs() < 1e-12);
+        assert!((current_a(Demand::Power, -50.0).unwrap() + 10.0).abs() < 1e-12);
+        assert_eq!(current_a(Demand::Power, 41.0), None);
+        assert_eq!(current_a(Demand::Current, 7.0), Some(7.0));
+        assert_eq!(current_a(Demand::Resistance, 0.3), Some(10.0));
+    }
+}

@@ -143,8 +143,12 @@ fn offer(stage: &Stage, point: &MapPoint) -> Option<Offer> {
 fn parts_of(trace: &TracePlan) -> impl Iterator<Item = PulsePart> {
     let ends_s = trace.levels.iter().skip(1).map(|level| level.at_s);
     let ends_s = ends_s.chain([trace.length_s()]);
-    trace.levels.iter().zip(ends_s).map(|(level, end_s)| PulsePart {
-        current_a: 0.0 - level.current_a,
-        duration_s: end_s - level.at_s,
-    })
+    trace
+        .levels
+        .iter()
+        .zip(ends_s)
+        .map(|(level, end_s)| PulsePart {
+            current_a: 0.0 - level.current_a,
+            duration_s: end_s - level.at_s,
+        })
 }

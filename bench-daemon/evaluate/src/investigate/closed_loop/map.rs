@@ -7,7 +7,10 @@ use std::path::Path;
 use analysis::{
     calibration::CommonError,
     forward::Profile,
-    map::{Choices, Fitted, MapData, MapFit, MapOptions, Measurement, Next as Chosen, fit_map, plan_next},
+    map::{
+        Choices, Fitted, MapData, MapFit, MapOptions, Measurement, Next as Chosen, fit_map,
+        plan_next,
+    },
     ocv::OcvCurve,
     series::Role,
 };
@@ -95,6 +98,7 @@ pub fn investigate_map(
         goal: Goal {
             aims,
             profiles: &profiles,
+            pace: bench.first_minutes / expected_minutes(experiment)?,
         },
         base,
         error_v: f64::NAN,
@@ -120,6 +124,12 @@ pub fn investigate_map(
     Ok(investigation)
 }
 
+/// Time that the plan of an experiment expects, min.
+fn expected_minutes(experiment: &Experiment) -> Result<f64, Failure> {
+    let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
+    Ok(plan.plan().expected_s() / 60.0)
+}
+
 /// What was measured so far.
 struct Measurements {
     cell: String,
@@ -131,7 +141,14 @@ struct Measurements {
 
 impl Measurements {
     fn add(&mut self, folder: &Path, loaded: Loaded) -> Result<(), Failure> {
-        add_folder(folder, Role::Train, &self.cell, loaded, &self.curve, &mut self.data)
+        add_folder(
+            folder,
+            Role::Train,
+            &self.cell,
+            loaded,
+            &self.curve,
+            &mut self.data,
+        )
     }
 
     /// Adds a later run, whose names begin with that of its folder.
@@ -158,10 +175,12 @@ impl Measurements {
     }
 }
 
-/// What is to be reached.
+/// What is to be reached, and at which pace.
 struct Goal<'a> {
     aims: &'a Aims,
     profiles: &'a [Profile],
+    /// Time that the last run took, over that which its plan expects: a plan counts the shortest rests.
+    pace: f64,
 }
 
 /// The question of a map: what to measure next.
@@ -183,6 +202,8 @@ struct MapQuestion<'a> {
 struct PlannedRound {
     places: Vec<MapPlace>,
     error_expected_v: f64,
+    /// Time that its plan expects, min.
+    minutes: f64,
 }
 
 impl MapQuestion<'_> {
@@ -211,7 +232,13 @@ impl MapQuestion<'_> {
             fit: &self.fit,
         };
         let demands = &self.goal.aims.demands;
-        let of_base: Vec<f64> = self.base.map().temperatures.iter().map(|at| at.degc).collect();
+        let of_base: Vec<f64> = self
+            .base
+            .map()
+            .temperatures
+            .iter()
+            .map(|at| at.degc)
+            .collect();
         let degc = if demands.at_degc.is_empty() {
             &of_base
         } else {
@@ -235,11 +262,12 @@ impl MapQuestion<'_> {
             let text = "no further measurement lowers the error of the loads";
             return Err(Ended::without_runs(End::NoExperiment, text));
         };
+        let minutes = |next: &Chosen| self.goal.pace * next.minutes;
         let gain_v = self.error_v - first.error_v;
-        if 60.0 * gain_v < aims.least_v_per_h * first.minutes {
+        if 60.0 * gain_v < aims.least_v_per_h * minutes(first) {
             let text = format!(
                 "the next {:.0} min would take off {} mV, less than {} mV per hour",
-                first.minutes,
+                minutes(first),
                 crate::support::present::significant(1e3 * gain_v, 2),
                 1e3 * aims.least_v_per_h
             );
@@ -248,7 +276,7 @@ impl MapQuestion<'_> {
         let mut kept: Vec<Chosen> = Vec::new();
         let mut before_v = self.error_v;
         for next in chosen {
-            let pays = 60.0 * (before_v - next.error_v) >= aims.least_v_per_h * next.minutes;
+            let pays = 60.0 * (before_v - next.error_v) >= aims.least_v_per_h * minutes(&next);
             if before_v <= aims.error_v || !pays {
                 break;
             }
@@ -268,9 +296,9 @@ impl MapQuestion<'_> {
             // The correction of the first run stays.
             experiment.fixture_check = None;
             let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
-            let extent = plan.plan().extent();
+            let (extent, minutes) = (plan.plan().extent(), plan.plan().expected_s() / 60.0);
             let price = Budget {
-                minutes: plan.plan().expected_s() / 60.0,
+                minutes: self.goal.pace * minutes,
                 charge_ah: (extent.into_coulomb + extent.out_coulomb) / 3600.0,
             };
             if let Some(shortfall) = left.shortfall(price) {
@@ -287,6 +315,7 @@ impl MapQuestion<'_> {
             self.planned = Some(PlannedRound {
                 places,
                 error_expected_v,
+                minutes,
             });
             return Ok(Next::Play(Box::new(planned)));
         }
@@ -318,9 +347,11 @@ impl Question for MapQuestion<'_> {
     }
 
     fn take(&mut self, played: &Played<'_>) -> Result<(), Failure> {
-        let planned = self.planned.take().ok_or_else(|| {
-            Failure::Analysis("expected a planned round, found none".to_owned())
-        })?;
+        let planned = self
+            .planned
+            .take()
+            .ok_or_else(|| Failure::Analysis("expected a planned round, found none".to_owned()))?;
+        self.goal.pace = played.minutes / planned.minutes;
         self.measured.add_later(played.folder)?;
         self.forget(&planned.places);
         self.rounds.push(Round {

@@ -85,6 +85,8 @@ pub(super) struct Bench<'a> {
     session: Session,
     out: &'a Path,
     budget: Budget,
+    /// Time that the first experiment took, min.
+    pub(super) first_minutes: f64,
     /// Part of the budget that was spent.
     pub(super) spent: Budget,
     /// Points that the quality gate has refused so far.
@@ -101,8 +103,10 @@ impl<'a> Bench<'a> {
         budget: Budget,
     ) -> Result<(Self, Measured), Failure> {
         let mut session = Session::new(&experiment.bench)?;
+        let start_s = session.now_s();
         let measured = session.run(experiment, &out.join(CAMPAIGN))?.measured;
         let bench = Self {
+            first_minutes: (session.now_s() - start_s) / 60.0,
             session,
             out,
             budget,
