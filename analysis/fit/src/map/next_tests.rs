@@ -1,6 +1,8 @@
+use super::solve::Rows;
 use super::tests::{curve, log, of_logs, options};
 use super::*;
 use analysis_signal::series::Role;
+use nalgebra::DMatrix;
 
 /// Steps of 10 s between 1 and 6 A for ten minutes.
 fn load(soc: f64, temperature_degc: f64) -> Load {

@@ -29,6 +29,16 @@ pub struct MapPlace {
     pub pulses: bool,
 }
 
+/// Largest difference of two states of charge that are one: a file has them in percent.
+const SAME_SOC: f64 = 1e-5;
+
+impl MapPlace {
+    /// Checks whether the point has a state of charge and a temperature, °C.
+    pub fn is_at(&self, soc: f64, temperature_degc: f64) -> bool {
+        (self.soc - soc).abs() < SAME_SOC && self.temperature_degc == temperature_degc
+    }
+}
+
 /// What an experiment can measure at a point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Signals {

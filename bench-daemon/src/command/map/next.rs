@@ -1,6 +1,6 @@
 //! `map --next`: what to measure next for given loads, and the experiment that measures it.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::command::load_args::LoadArgs;
 use analysis::{
@@ -11,11 +11,14 @@ use analysis::{
 use bench_core::safety::failure::Failure;
 use bench_evaluate::{
     files,
-    investigate::cell_map::{base::Base, offers::Offers},
+    investigate::cell_map::{
+        base::{Base, folder_of},
+        offers::Offers,
+    },
     run::Recorded,
 };
 use bench_plan::{
-    config::load_experiment,
+    config::{MapPlace, load_experiment},
     procedure,
     support::terminal::{remark, say},
 };
@@ -31,8 +34,8 @@ pub struct NextArgs {
     #[command(flatten)]
     pub loads: LoadArgs,
     /// The experiment that is to measure further points: at each temperature of its [map], with its
-    /// sweep, its pulses, its rests and its limits [default: that of the first run folder in DATA that
-    /// has a [map]]
+    /// sweep, its pulses, its rests and its limits, without the points that runs in DATA have measured
+    /// [default: that of the first run folder in DATA that has a [map]]
     #[arg(long, value_name = "FILE", requires = "next")]
     pub experiment: Option<PathBuf>,
     /// Write an experiment that measures the chosen points: the other one with `points` in its [map].
@@ -44,6 +47,8 @@ pub struct NextArgs {
 pub(super) struct Wanted {
     profiles: Vec<Profile>,
     base: Option<Base>,
+    /// Points that the runs in DATA have measured.
+    measured: Vec<MapPlace>,
 }
 
 /// Reads the loads and the experiment that is to measure further points.
@@ -59,9 +64,10 @@ pub(super) fn read(next: &NextArgs, data: &[PathBuf]) -> Result<Option<Wanted>, 
             "--under: expected --next, whose measurements are chosen for the loads, found none";
         return Err(Failure::Usage(reason.to_owned()));
     }
+    let runs = recorded(data)?;
     let base = match &next.experiment {
         Some(file) => Some(Base::of(&load_experiment(file, None)?)?),
-        None => recorded(data)?,
+        None => runs.first().cloned(),
     };
     if base.is_none() && next.write.is_some() {
         let reason = "--write: expected --experiment with a file that has a [map], or a run of such an \
@@ -69,18 +75,24 @@ pub(super) fn read(next: &NextArgs, data: &[PathBuf]) -> Result<Option<Wanted>, 
         return Err(Failure::Usage(reason.to_owned()));
     }
     let profiles = next.loads.demands().read()?;
-    Ok(Some(Wanted { profiles, base }))
+    let measured = runs.iter().flat_map(|run| run.map().places.clone());
+    Ok(Some(Wanted {
+        profiles,
+        base,
+        measured: measured.collect(),
+    }))
 }
 
-/// The experiment of the first run that has a map.
-fn recorded(data: &[PathBuf]) -> Result<Option<Base>, Failure> {
+/// The experiments of the runs that have a map.
+fn recorded(data: &[PathBuf]) -> Result<Vec<Base>, Failure> {
+    let mut found = Vec::new();
     for folder in data.iter().filter(|path| path.join(JOURNAL).is_file()) {
         let run = Recorded::read(folder)?;
         if run.experiment().map.is_some() {
-            return Base::of(run.experiment()).map(Some);
+            found.push(Base::of(run.experiment())?);
         }
     }
-    Ok(None)
+    Ok(found)
 }
 
 /// Chooses the measurements.
@@ -98,7 +110,8 @@ pub(super) fn plan(args: &NextArgs, wanted: &Wanted, fitted: Fitted) -> Result<N
     };
     let choices = match &wanted.base {
         Some(base) => {
-            let offers = Offers::of(base)?;
+            let mut offers = Offers::of(base)?;
+            offers.forget(&wanted.measured);
             offers.notes.iter().for_each(|note| remark!("note: {note}"));
             offers.choices
         }
@@ -127,9 +140,8 @@ pub(super) fn write(
         return Err(Failure::Usage(reason.to_owned()));
     }
     let text = base.text_at(file, &places)?;
-    let folder = file.parent().filter(|folder| *folder != Path::new(""));
     let name = file.file_name().unwrap_or_default().to_string_lossy();
-    files::write_text(folder.unwrap_or(Path::new(".")), &name, &text)?;
+    files::write_text(folder_of(file), &name, &text)?;
     let experiment = load_experiment(file, None)?;
     let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
     let extent = plan.plan().extent();

@@ -82,7 +82,7 @@ impl Base {
     /// allow.
     pub fn text_at(&self, file: &Path, places: &[MapPlace]) -> Result<String, Failure> {
         let name = named(file);
-        let folder = file.parent().unwrap_or(Path::new("."));
+        let folder = folder_of(file);
         let text = self.edited(&name, places, Some(folder))?;
         // What the file names is read from the disk, also if the base is a copy in a run folder.
         let of_disk = Source::read(&self.bench).map_err(|error| {
@@ -92,7 +92,9 @@ impl Base {
         })?;
         let experiment = resolve_experiment(of_disk.with_text(file, text.clone()), None)?;
         procedure::plan(&experiment).check(&experiment.cell.limits)?;
-        let same = experiment.map.is_some_and(|map| map.places == places);
+        let same = experiment
+            .map
+            .is_some_and(|map| are_same(&map.places, places));
         same.then_some(text).ok_or_else(|| {
             let reason = "expected `soc` or `points` as one list in brackets";
             self.source.complain("map", reason).into()
@@ -140,9 +142,7 @@ impl Base {
         let mut places: Vec<MapPlace> = Vec::new();
         for next in chosen {
             let (soc, temperature_degc) = (next.soc, next.temperature_degc);
-            let is_here = |place: &&mut MapPlace| {
-                place.soc == soc && place.temperature_degc == temperature_degc
-            };
+            let is_here = |place: &&mut MapPlace| place.is_at(soc, temperature_degc);
             let (spectrum, pulses) = match next.what {
                 Measurement::Spectrum => (true, false),
                 Measurement::Pulses => (false, true),
@@ -169,6 +169,21 @@ impl Base {
         });
         places
     }
+}
+
+/// Checks whether two lists of points are the same within the digits of a file.
+fn are_same(one: &[MapPlace], other: &[MapPlace]) -> bool {
+    let is_same = |(a, b): (&MapPlace, &MapPlace)| {
+        let what = (a.spectrum, a.pulses) == (b.spectrum, b.pulses);
+        what && a.is_at(b.soc, b.temperature_degc)
+    };
+    one.len() == other.len() && one.iter().zip(other).all(is_same)
+}
+
+/// The folder of a file.
+pub fn folder_of(file: &Path) -> &Path {
+    let folder = file.parent().filter(|folder| *folder != Path::new(""));
+    folder.unwrap_or(Path::new("."))
 }
 
 /// The name of an experiment in a file: that of the file, with the characters of names.
@@ -286,7 +301,8 @@ mod tests {
         assert_eq!(places, expected);
         let experiment = base.at("next", &places).unwrap();
         assert_eq!(experiment.name, "next");
-        assert_eq!(experiment.map.unwrap().places, expected);
+        // 70 % in the file are not 0.7 to the last digit.
+        assert!(are_same(&experiment.map.unwrap().places, &expected));
         // The limits are those of the base.
         assert_eq!(
             experiment.cell.limits.max_v,

@@ -1,6 +1,6 @@
 //! What the bench of an experiment can measure at which point, and how long that takes.
 
-use analysis::map::{Choices, Offer, PulsePart, Signal};
+use analysis::map::{Choices, Measurement, Offer, PulsePart, Signal};
 use bench_core::safety::failure::Failure;
 use bench_plan::{
     config::{Experiment, MapPlace},
@@ -50,6 +50,19 @@ impl Offers {
         Ok(offers)
     }
 
+    /// Leaves out the measurements of points that were made: another one at the same place has the same
+    /// error of the model.
+    pub fn forget(&mut self, places: &[MapPlace]) {
+        self.choices.offers.retain(|offer| {
+            let is_here = |place: &&MapPlace| place.is_at(offer.soc, offer.temperature_degc);
+            let is_made = |place: &MapPlace| match offer.measurement() {
+                Measurement::Spectrum => place.spectrum,
+                Measurement::Pulses => place.pulses,
+            };
+            !places.iter().filter(is_here).any(is_made)
+        });
+    }
+
     /// Adds what can be measured at a point.
     fn add(&mut self, base: &Base, soc: f64, temperature_degc: f64) {
         let place = MapPlace {
@@ -91,7 +104,8 @@ fn socs(base: &Base) -> Vec<f64> {
     let own = base.map().places.iter().map(|place| place.soc);
     let mut socs: Vec<f64> = Choices::SOC.into_iter().chain(own).collect();
     socs.sort_by(f64::total_cmp);
-    socs.dedup();
+    // Of 70 % and 0.7, one is left.
+    socs.dedup_by_key(|soc| percent(*soc));
     socs
 }
 

@@ -7,10 +7,7 @@ use std::path::Path;
 use analysis::{
     calibration::CommonError,
     forward::Profile,
-    map::{
-        Choices, Fitted, MapData, MapFit, MapOptions, Measurement, Next as Chosen, fit_map,
-        plan_next,
-    },
+    map::{Fitted, MapData, MapFit, MapOptions, Next as Chosen, fit_map, plan_next},
     ocv::OcvCurve,
     series::Role,
 };
@@ -69,7 +66,8 @@ pub fn investigate_map(
     aims: &Aims,
 ) -> Result<MapInvestigation, Failure> {
     let base = Base::of(experiment)?;
-    let offers = Offers::of(&base)?;
+    let mut offers = Offers::of(&base)?;
+    offers.forget(&base.map().places);
     offers.notes.iter().for_each(|note| remark!("note: {note}"));
     let profiles = aims.demands.read()?;
     let (mut bench, _) = Bench::first(experiment, means.out, means.budget)?;
@@ -85,7 +83,7 @@ pub fn investigate_map(
     let mut question = MapQuestion {
         fit: data.fit()?,
         measured: data,
-        choices: offers.choices,
+        offers,
         planned: None,
         rounds: vec![Round {
             folder: folder_name(&first),
@@ -103,7 +101,6 @@ pub fn investigate_map(
         base,
         error_v: f64::NAN,
     };
-    question.forget(&question.base.map().places.clone());
     let (ended, failure) = bench.play(&mut question)?;
     let investigation = MapInvestigation {
         schema: SCHEMA,
@@ -189,7 +186,7 @@ struct MapQuestion<'a> {
     goal: Goal<'a>,
     measured: Measurements,
     /// Measurements that were not made so far.
-    choices: Choices,
+    offers: Offers,
     fit: MapFit,
     /// The round that is played.
     planned: Option<PlannedRound>,
@@ -207,21 +204,6 @@ struct PlannedRound {
 }
 
 impl MapQuestion<'_> {
-    /// Takes measurements of points from the choices: another of the same kind has the same error of the
-    /// model.
-    fn forget(&mut self, places: &[MapPlace]) {
-        self.choices.offers.retain(|offer| {
-            let is_here = |place: &&MapPlace| {
-                place.soc == offer.soc && place.temperature_degc == offer.temperature_degc
-            };
-            let made = |place: &MapPlace| match offer.measurement() {
-                Measurement::Spectrum => place.spectrum,
-                Measurement::Pulses => place.pulses,
-            };
-            !places.iter().filter(is_here).any(made)
-        });
-    }
-
     /// The measurements that take most off the error, in the order of their choice.
     fn chosen(&mut self) -> Result<Vec<Chosen>, Failure> {
         let options = MapOptions::default();
@@ -245,7 +227,7 @@ impl MapQuestion<'_> {
             &demands.at_degc
         };
         let loads = demands.loads(self.goal.profiles, degc, fitted)?;
-        let plan = plan_next(fitted, &loads, &self.choices, MOST_OF_ROUND)
+        let plan = plan_next(fitted, &loads, &self.offers.choices, MOST_OF_ROUND)
             .map_err(|error| Failure::Analysis(error.to_string()))?;
         self.error_v = plan.error_v;
         if let Some(last) = self.rounds.last_mut() {
@@ -353,7 +335,7 @@ impl Question for MapQuestion<'_> {
             .ok_or_else(|| Failure::Analysis("expected a planned round, found none".to_owned()))?;
         self.goal.pace = played.minutes / planned.minutes;
         self.measured.add_later(played.folder)?;
-        self.forget(&planned.places);
+        self.offers.forget(&planned.places);
         self.rounds.push(Round {
             folder: folder_name(played.folder),
             measured: in_words(&planned.places),
