@@ -46,6 +46,7 @@ fn map() -> CellMap {
             capacity_j_per_k: 40.0,
             resistance_k_per_w: 5.0,
         }),
+        voltage_error: None,
     }
 }
 

@@ -319,6 +319,7 @@ fn map() -> CellMap {
         ocv_temperature_degc: 25.0,
         charge_transfer: None,
         thermal: None,
+        voltage_error: None,
     }
 }
 
