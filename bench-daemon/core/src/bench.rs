@@ -131,7 +131,7 @@ impl Bench {
                 .collect(),
             clock: connections.clock.clone(),
             command: Command {
-                zero: Volts(config.wiring.command_offset_v),
+                zero: config.wiring.command_offset_v,
                 unswitched: config.wiring.analog.is_some(),
             },
             lied: BTreeMap::new(),

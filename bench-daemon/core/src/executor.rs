@@ -37,7 +37,10 @@ mod zero;
 use std::sync::Arc;
 
 use analysis_signal::calibration::Correction;
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Celsius, Coulombs, Volts},
+};
 
 use bias::BiasState;
 pub use error::ExecuteError;
@@ -132,7 +135,7 @@ impl<'a> Executor<'a> {
         self.sweep.spent = Spent::of(resume_point.points.iter().map(|known| &known.point));
         if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
             // Such a stage sets the charge anew: the charge of earlier traces no longer counts.
-            self.direct.charge_coulomb = 0.0;
+            self.direct.charge_coulomb = Coulombs::ZERO;
             if stage.point().is_some() {
                 self.journal_charge()?;
             }
@@ -238,19 +241,19 @@ impl<'a> Executor<'a> {
 
     /// Restores the state of an earlier process: the cell that was in use, and the charge that
     /// traces have left in it, C.
-    pub fn take_over(&mut self, specimen: Option<Arc<Specimen>>, charge_coulomb: f64) {
+    pub fn take_over(&mut self, specimen: Option<Arc<Specimen>>, charge_coulomb: Coulombs) {
         (self.position.specimen, self.direct.charge_coulomb) = (specimen, charge_coulomb);
     }
 
     /// Returns the charge that was moved since the cell was brought to a state of charge or taken into
     /// use, C, charge positive.
-    pub fn charge_coulomb(&self) -> f64 {
+    pub fn charge_coulomb(&self) -> Coulombs {
         self.direct.charge_coulomb
     }
 
     /// Returns the voltage at rest, V, and the temperature of the cell, °C, as they were last read;
     /// `None` before the first rest of a stage.
-    pub fn at_rest(&self) -> Option<(f64, Option<f64>)> {
+    pub fn at_rest(&self) -> Option<(Volts, Option<Celsius>)> {
         let (ocv_v, _) = self.direct.reset.rested?;
         let last_degc = self.rig.temperatures.last_degc;
         Some((ocv_v, last_degc.filter(|degc| degc.is_finite())))
@@ -325,7 +328,7 @@ impl<'a> Executor<'a> {
         if self.position.specimen.replace(specimen.clone()).as_ref() != Some(specimen) {
             // The charge that traces have left belongs to the other cell, and so does the last
             // temperature.
-            self.direct.charge_coulomb = 0.0;
+            self.direct.charge_coulomb = Coulombs::ZERO;
             self.rig.interlock.forget();
         }
         Ok(())

@@ -22,12 +22,14 @@ use analysis_files::run_folder::{JOURNAL, TORN_JOURNAL};
 use instruments::{
     clock::{Clock, TimeMode},
     exchange::Identity,
+    units::{Coulombs, Seconds},
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::{
     bench::{Identified, state_readback::InstrumentReadback},
+    clock::TypedClock,
     operator::question::{Answer, Question},
 };
 use bench_plan::{interlock::Reading, measure::SweepPoint, support::crash_point::Drill};
@@ -112,7 +114,7 @@ pub enum Entry {
     Charge {
         /// The charge, C.
         #[serde(rename = "charge_c")]
-        charge_coulomb: f64,
+        charge_coulomb: Coulombs,
     },
     /// A crash has left the charge of the cell unknown: a SOC reset and then a stage are executed
     /// again, and the charge is known when the reset is done.
@@ -267,7 +269,7 @@ pub struct Line {
     /// Its number, from 1.
     pub number: u64,
     /// Bench time, s.
-    pub time_s: f64,
+    pub time_s: Seconds,
     /// Entry that the line holds.
     pub entry: Entry,
 }
@@ -440,7 +442,7 @@ impl Journal {
             .map_err(self.error("cannot be written"))?;
         let line = Line {
             number: self.next,
-            time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3,
+            time_s: Seconds((self.clock.now() * 1.0e3).0.round() / 1.0e3),
             entry,
         };
         let text = text_of(&line)

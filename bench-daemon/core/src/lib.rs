@@ -8,6 +8,7 @@
 //! records), [`safety`] (what outlives a process: state, latch, lease, guardian).
 
 pub mod bench;
+mod clock;
 pub mod executor;
 pub mod journal;
 pub mod operator;

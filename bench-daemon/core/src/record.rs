@@ -32,6 +32,7 @@ use analysis_files::{
 use instruments::{
     clock::{Clock, TimeMode},
     transcript::Tap,
+    units::Celsius,
 };
 use serde::Serialize;
 
@@ -46,7 +47,10 @@ pub use error::with_causes;
 pub use names::{CaptureFile, sweep_name};
 pub use names::{capture_of, code_scale};
 
-use crate::journal::{Entry, Journal, PointDone};
+use crate::{
+    clock::TypedClock,
+    journal::{Entry, Journal, PointDone},
+};
 use bench_plan::{
     interlock::{Limits, Reading},
     measure::SweepPoint,
@@ -184,7 +188,7 @@ impl Recorder {
     /// # Errors
     /// Fails if a file cannot be written.
     pub fn event(&mut self, kind: Event, text: &str) -> Result<(), RecordError> {
-        let row = kind.row(self.clock.now_s(), text);
+        let row = kind.row(self.clock.now().0, text);
         self.tables.event(&self.folder, &row)
     }
 
@@ -206,11 +210,13 @@ impl Recorder {
 
     /// Records the reading of the chiller and its set-point. A gap in this table does not justify
     /// ending a run: if the folder cannot be written, the next reading ends it.
-    pub fn bath(&mut self, bath_degc: Option<f64>, setpoint_degc: Option<f64>) {
+    pub fn bath(&mut self, bath_degc: Option<Celsius>, setpoint_degc: Option<Celsius>) {
         let row = BathRow {
-            time_s: self.clock.now_s(),
-            bath_degc: bath_degc.filter(|celsius| celsius.is_finite()),
-            setpoint_degc,
+            time_s: self.clock.now().0,
+            bath_degc: bath_degc
+                .filter(|celsius| celsius.is_finite())
+                .map(Celsius::value),
+            setpoint_degc: setpoint_degc.map(Celsius::value),
         };
         if let Err(error) = self.tables.bath(&self.folder, &row) {
             tracing::error!("{error}");
@@ -220,8 +226,8 @@ impl Recorder {
     /// Records the limits of each reading from now on, if they have changed. As [`Self::bath`], a
     /// write error does not end the run.
     pub fn envelope(&mut self, limits: &Limits) {
-        let time_s = self.clock.now_s();
-        if let Err(error) = self.tables.envelope(&self.folder, time_s, limits) {
+        let time_s = self.clock.now();
+        if let Err(error) = self.tables.envelope(&self.folder, time_s.0, limits) {
             tracing::error!("{error}");
         }
     }

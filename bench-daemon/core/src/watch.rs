@@ -30,7 +30,10 @@ use std::{
     thread::JoinHandle,
 };
 
-use instruments::clock::{Clock, TimeMode};
+use instruments::{
+    clock::{Clock, TimeMode},
+    units::Seconds,
+};
 use tokio::{runtime::Handle, sync::watch};
 
 pub use alarm::Alarm;
@@ -39,7 +42,10 @@ pub use log::WatchLog;
 pub use pace::Pace;
 pub use unwatched::unwatched;
 
-use crate::bench::{Bench, SafeReport};
+use crate::{
+    bench::{Bench, SafeReport},
+    clock::TypedClock,
+};
 use envelope::InForce;
 use shared::{Shared, locked};
 
@@ -48,7 +54,7 @@ use shared::{Shared, locked};
 pub struct WatchLink {
     shared: Arc<Shared>,
     clock: Clock,
-    settle_s: f64,
+    settle_s: Seconds,
 }
 
 impl WatchLink {
@@ -60,7 +66,7 @@ impl WatchLink {
     /// Sets the envelope of a new step. The previous envelope stays allowed until the procedure
     /// has read a current that the new step allows, or for a bounded time.
     pub fn allow(&self, envelope: Envelope) {
-        let until_s = self.clock.machine_s() + self.settle_s;
+        let until_s = self.clock.machine() + self.settle_s;
         locked(&self.shared.force).change(envelope, until_s);
     }
 

@@ -18,7 +18,11 @@ mod trace;
 
 use std::sync::Arc;
 
-use instruments::{fixture::Fixture, supply4q::Holds};
+use instruments::{
+    fixture::Fixture,
+    supply4q::Holds,
+    units::{Amps, Celsius, Hertz, Kelvins, Seconds, Volts},
+};
 
 pub use bias::{Bias, RAMP_STEP_S, Recharge, ramp_steps};
 pub use crash::AfterCrash;
@@ -82,38 +86,38 @@ pub enum Step {
     /// Holds a temperature with the chiller, and waits for the cell.
     HoldTemperature {
         /// Set-point, °C.
-        setpoint_degc: f64,
+        setpoint_degc: Celsius,
         /// Accepted deviation, K.
-        within_k: f64,
+        within_k: Kelvins,
         /// Upper bound, s.
-        max_s: f64,
+        max_s: Seconds,
     },
     /// Discharges at constant current down to a voltage.
     Discharge {
         /// Current, A, positive.
-        current_a: f64,
+        current_a: Amps,
         /// End, V under load.
-        until_v: f64,
+        until_v: Volts,
         /// Upper bound, s.
-        max_s: f64,
+        max_s: Seconds,
     },
     /// Charges at constant current up to a voltage.
     Charge {
         /// Current, A.
-        current_a: f64,
+        current_a: Amps,
         /// Limit of the supply, V.
-        limit_v: f64,
+        limit_v: Volts,
         /// End, V under load.
-        until_v: f64,
+        until_v: Volts,
         /// Upper bound, s.
-        max_s: f64,
+        max_s: Seconds,
     },
     /// Waits without a current until the voltage is steady.
     Rest {
         /// Lower bound, s.
-        min_s: f64,
+        min_s: Seconds,
         /// Upper bound, s.
-        max_s: f64,
+        max_s: Seconds,
         /// Slope below which the voltage is steady, V/s.
         slope_v_per_s: f64,
     },
@@ -121,7 +125,7 @@ pub enum Step {
     /// is skipped.
     Accept {
         /// The band, V.
-        band_v: (f64, f64),
+        band_v: (Volts, Volts),
         /// Treatment of a cell that misses it; `None` if the charge is tried again.
         missed: Option<Missed>,
     },
@@ -130,15 +134,15 @@ pub enum Step {
     /// Switches the bipolar supply on with the generator at zero.
     PowerUp {
         /// Compliance voltage, V.
-        compliance_v: f64,
+        compliance_v: Volts,
         /// Current limit, A: the daemon judges its readings by it, and the supply enforces it if
         /// it can.
-        limit_a: f64,
+        limit_a: Amps,
         /// Limit that the supply enforces itself while the generator commands the current.
         held: Holds,
         /// Greatest current while its command is zero, A: a larger one is a zero error that must
         /// be trimmed.
-        idle_a: f64,
+        idle_a: Amps,
         /// Memory depth of the scope for the sweeps of the run; `None` if there are none.
         depth: Option<Depth>,
     },
@@ -147,11 +151,11 @@ pub enum Step {
         /// Its number in the sweep, from 0.
         index: usize,
         /// Frequency, Hz.
-        freq_hz: f64,
+        freq_hz: Hertz,
         /// Amplitude of the current, A.
-        amplitude_a: f64,
+        amplitude_a: Amps,
         /// Shortest wait for the record, s.
-        wait_s: f64,
+        wait_s: Seconds,
         /// Settings that it shares with the other points.
         settings: Arc<SweepSettings>,
     },
@@ -168,7 +172,7 @@ pub enum Step {
     /// Waits without a current.
     Pause {
         /// Duration, s.
-        span_s: f64,
+        span_s: Seconds,
     },
     /// Rests, then records scope and voltmeter of the cell without a current.
     Zero(Arc<TracePlan>),

@@ -7,6 +7,8 @@ use serde::Serialize;
 use toml::Value;
 use utoipa::ToSchema;
 
+use instruments::units::Amps;
+
 use super::{
     settings::Settings,
     shelf::{self, FileKind},
@@ -237,26 +239,26 @@ pub fn margins(submission: &Submission) -> Vec<Margin> {
     let extent = procedure::plan(&submission.experiment).extent();
     let limits = &submission.experiment.cell.limits;
     let mut margins = Vec::new();
-    if (extent.discharge_a, extent.charge_a) != (0.0, 0.0) {
-        let planned = -extent.discharge_a..=extent.charge_a;
-        let limits = -limits.discharge_a..=limits.charge_a;
+    if (extent.discharge_a, extent.charge_a) != (Amps(0.0), Amps(0.0)) {
+        let planned = (-extent.discharge_a).value()..=extent.charge_a.value();
+        let limits = (-limits.discharge_a).value()..=limits.charge_a.value();
         margins.push(Margin::of("Current", "A", &planned, &limits));
     }
     if let Some((least, greatest)) = extent.voltage_v {
-        let limits = limits.min_v..=limits.max_v;
+        let limits = limits.min_v.value()..=limits.max_v.value();
         margins.push(Margin::of(
             "Cell voltage",
             "V",
-            &(least..=greatest),
+            &(least.value()..=greatest.value()),
             &limits,
         ));
     }
     if let Some((least, greatest)) = extent.temperature_degc {
-        let limits = limits.min_degc..=limits.max_degc;
+        let limits = limits.min_degc.value()..=limits.max_degc.value();
         margins.push(Margin::of(
             "Cell temperature",
             "°C",
-            &(least..=greatest),
+            &(least.value()..=greatest.value()),
             &limits,
         ));
     }

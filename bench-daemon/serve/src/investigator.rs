@@ -8,7 +8,7 @@
 
 use std::{f64::consts::FRAC_2_PI, sync::Arc};
 
-use instruments::{clock, fixture::Fixture};
+use instruments::{clock, fixture::Fixture, units::Coulombs};
 
 use super::{
     Server,
@@ -274,12 +274,12 @@ fn price(submission: &Submission) -> Budget {
     let charge_coulomb = extent.into_coulomb + extent.out_coulomb + alternating_coulomb(&plan);
     Budget {
         minutes: submission.expected_s / 60.0,
-        charge_ah: charge_coulomb / 3600.0,
+        charge_ah: charge_coulomb.value() / 3600.0,
     }
 }
 
 /// Charge that the sweeps of the cell move in either direction, C: the mean of |sin| is 2/π.
-fn alternating_coulomb(plan: &Plan) -> f64 {
+fn alternating_coulomb(plan: &Plan) -> Coulombs {
     let is_of_cell = |purpose: Purpose| {
         matches!(
             purpose,
@@ -288,9 +288,9 @@ fn alternating_coulomb(plan: &Plan) -> f64 {
     };
     let stages = plan.stages.iter().filter(|stage| is_of_cell(stage.purpose));
     let moved_coulomb = |step: &Step| match step {
-        Step::Sine { amplitude_a, .. } => FRAC_2_PI * amplitude_a * step.expected_s(),
+        Step::Sine { amplitude_a, .. } => FRAC_2_PI * *amplitude_a * step.expected_s(),
         Step::Multisine(band) => FRAC_2_PI * band.peak_a * step.expected_s(),
-        _ => 0.0,
+        _ => Coulombs(0.0),
     };
     stages
         .flat_map(|stage| &stage.steps)

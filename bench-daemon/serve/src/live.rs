@@ -2,16 +2,15 @@
 
 use std::ops::RangeInclusive;
 
-use analysis::run_folder::{Between, EnvelopeRow};
-use serde::Serialize;
-use utoipa::ToSchema;
-
 use super::queue::HeldBy;
+use analysis::run_folder::{Between, EnvelopeRow};
 use bench_core::{
     bench::{Output, outputs::OutputsState},
     safety::state::Latched,
 };
 use bench_plan::interlock::{CURRENT_MARGIN, Limits};
+use serde::Serialize;
+use utoipa::ToSchema;
 
 /// Current state of a bench.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
@@ -480,10 +479,15 @@ pub fn limits(limits: &Limits, reading: &ReadingNow, step: Option<&EnvelopeRow>)
             "voltage across the control",
         )
     };
-    let volts = Limit::new(voltage, "V", reading.voltage_v, limits.min_v..=limits.max_v);
-    let range = -limits.discharge_a..=limits.charge_a;
+    let volts = Limit::new(
+        voltage,
+        "V",
+        reading.voltage_v,
+        limits.min_v.value()..=limits.max_v.value(),
+    );
+    let range = (-limits.discharge_a).value()..=limits.charge_a.value();
     let amps = Limit::new("current", "A", reading.current_a, range);
-    let range = limits.min_degc..=limits.max_degc;
+    let range = limits.min_degc.value()..=limits.max_degc.value();
     let degrees = Limit::new("cell temperature", "°C", reading.temperature_degc, range);
     let bounds = |of: fn(&EnvelopeRow) -> Between| step.map_or(Between::of(f64::NAN, f64::NAN), of);
     let mut all = vec![
@@ -502,6 +506,7 @@ pub fn limits(limits: &Limits, reading: &ReadingNow, step: Option<&EnvelopeRow>)
 mod tests {
     use super::*;
     use bench_core::bench::SafeReport;
+    use instruments::units::{Amps, Celsius, Volts};
 
     fn reading(fixture: &str, amps: f64) -> ReadingNow {
         ReadingNow {
@@ -517,12 +522,12 @@ mod tests {
 
     fn cell() -> Limits {
         Limits {
-            min_v: 2.5,
-            max_v: 4.2,
-            charge_a: 13.5,
-            discharge_a: 45.0,
-            min_degc: 0.0,
-            max_degc: 60.0,
+            min_v: Volts(2.5),
+            max_v: Volts(4.2),
+            charge_a: Amps(13.5),
+            discharge_a: Amps(45.0),
+            min_degc: Celsius(0.0),
+            max_degc: Celsius(60.0),
         }
     }
 
@@ -564,8 +569,8 @@ mod tests {
         let load = Output {
             role: "load".to_owned(),
             model: "rigol-dl3000".to_owned(),
-            volts: Some(3.6),
-            amps: Some(3.0),
+            volts: Some(Volts(3.6)),
+            amps: Some(Amps(3.0)),
             by: Some("a set-point of 0".to_owned()),
             bound: Some("it stops below 2.5 V".to_owned()),
             trouble: Some("no answer".to_owned()),

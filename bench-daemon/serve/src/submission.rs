@@ -114,8 +114,8 @@ impl Submission {
         let (expected_s, longest_s) = (plan.plan().expected_s(), plan.plan().longest_s());
         Ok(Self {
             experiment,
-            expected_s,
-            longest_s,
+            expected_s: expected_s.0,
+            longest_s: longest_s.0,
             fence,
         })
     }

@@ -4,7 +4,6 @@
 //! row and by the rows that hold its minimum and maximum voltage, current and temperature. No
 //! peak is lost, and every row is one that was read. If there are fewer rows than requested, all
 //! of them are returned. Rows of the bath are thinned in the same manner.
-
 use std::{
     borrow::Cow,
     collections::VecDeque,
@@ -207,26 +206,26 @@ impl Told {
         match &line.entry {
             Entry::Point(done) => self.marks.push(Mark::of_point(done)),
             Entry::Paused => {
-                self.mark(time_s, PAUSE, "paused on request");
+                self.mark(time_s.0, PAUSE, "paused on request");
                 self.pauses.push(Pause {
-                    from_s: time_s,
+                    from_s: time_s.0,
                     to_s: f64::INFINITY,
                 });
             }
             Entry::GoneOn => {
-                self.end_pause(time_s);
-                self.mark(time_s, GO_ON, "goes on on request");
+                self.end_pause(time_s.0);
+                self.mark(time_s.0, GO_ON, "goes on on request");
             }
             Entry::Ended { how } => {
-                self.end_pause(time_s);
+                self.end_pause(time_s.0);
                 self.mark(
-                    time_s,
+                    time_s.0,
                     kind_of_end(how),
                     how.strip_prefix(ENDED_EARLY).unwrap_or(how),
                 );
             }
             // Its event is a mark already.
-            Entry::Resumed { .. } => self.end_pause(time_s),
+            Entry::Resumed { .. } => self.end_pause(time_s.0),
             _ => {}
         }
     }
@@ -419,7 +418,7 @@ impl Mark {
             ", refused by the quality gate"
         };
         Self::new(
-            point.time_s,
+            point.time_s.0,
             POINT,
             &format!("{fixture}, {freq} Hz{refused}"),
         )
@@ -630,6 +629,7 @@ fn thinned<R>(
 
 #[cfg(test)]
 mod tests {
+    use instruments::units::{Hertz, Seconds, Volts};
     use std::{fs, io::Write as _};
 
     use analysis::{
@@ -682,7 +682,7 @@ mod tests {
         let lines = (1..).zip(entries).map(|(number, (time_s, entry))| {
             let line = Line {
                 number,
-                time_s,
+                time_s: Seconds(time_s),
                 entry,
             };
             serde_json::to_string(&line).unwrap() + "\n"
@@ -724,11 +724,11 @@ mod tests {
                 index: 0,
                 phasors,
                 volts_per_div: [1.0; 4],
-                free_freq_hz: 0.1,
+                free_freq_hz: Hertz(0.1),
                 residual_lag1: 0.0,
                 harmonics_and_drift: HarmonicsAndDrift::default(),
                 warnings: Vec::new(),
-                time_s,
+                time_s: Seconds(time_s),
                 captures: 1,
                 rechecked: 0,
                 spent: Spent::default(),
@@ -852,11 +852,11 @@ mod tests {
     fn what_latches_a_bench_is_a_trip_and_a_request_is_none() {
         let trip = Trip::Chiller {
             message: "STOP".to_owned(),
-            time_s: 1.0,
+            time_s: Seconds(1.0),
         };
         let left_in = ExecuteError::CellLeftIn {
             what: "mount".to_owned(),
-            volts: 3.7,
+            volts: Volts(3.7),
         };
         let unproven = Failure::Unsafe {
             failures: "load".to_owned(),

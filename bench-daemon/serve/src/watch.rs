@@ -11,12 +11,6 @@ use std::{collections::BTreeMap, path::Path};
 
 use analysis::run_folder::{self, EnvelopeRow, ReadingRow};
 
-use condition::Condition;
-use measured::Measured;
-use position::Position;
-use run_files::RunFiles;
-use run_plan::{RunPlan, points};
-
 use super::{
     live::{PointNow, QuestionNow, ReadingNow, RunNow, Soc},
     transcript_monitor::TranscriptMonitor,
@@ -26,6 +20,11 @@ use bench_core::{
     operator::run_control::RunAction,
 };
 use bench_plan::{config::Experiment, plan::Step};
+use condition::Condition;
+use measured::Measured;
+use position::Position;
+use run_files::RunFiles;
+use run_plan::{RunPlan, points};
 
 /// A run folder that is watched.
 #[derive(Debug)]
@@ -96,7 +95,7 @@ impl Watch {
     }
 
     fn entry(&mut self, line: Line) {
-        self.latest_s = self.latest_s.max(line.time_s);
+        self.latest_s = self.latest_s.max(line.time_s.0);
         self.condition.take(&line);
         match line.entry {
             Entry::Started(started) => {
@@ -111,10 +110,10 @@ impl Watch {
                     })
                     .collect();
             }
-            Entry::Stage { stage } => self.position.begin_stage(stage, line.time_s),
+            Entry::Stage { stage } => self.position.begin_stage(stage, line.time_s.0),
             Entry::Intent {
                 stage, step, text, ..
-            } => self.position.begin_step(stage, step, line.time_s, text),
+            } => self.position.begin_step(stage, step, line.time_s.0, text),
             Entry::Done { stage, step } => self.position.end_step(stage, step, false),
             Entry::Point(point) => self.position.end_step(point.stage, point.step, true),
             Entry::StageDone { stage } => self.position.end_stage(stage),
@@ -190,7 +189,7 @@ impl Watch {
             (Some(stage), Some(Step::Sine { index, freq_hz, .. })) => Some(PointNow {
                 number: index + 1,
                 of: points(stage),
-                freq_hz: *freq_hz,
+                freq_hz: freq_hz.0,
             }),
             _ => None,
         };
@@ -234,6 +233,7 @@ mod tests {
     use super::*;
     use bench_plan::plan::{Plan, Purpose};
     use instruments::fixture::Fixture;
+    use instruments::units::Seconds;
 
     /// The fake cell from 10 s on, the cell from 20 s on.
     fn changed() -> Watch {
@@ -254,7 +254,7 @@ mod tests {
     fn tell(watch: &mut Watch, time_s: f64, entry: Entry) {
         watch.entry(Line {
             number: 1,
-            time_s,
+            time_s: Seconds(time_s),
             entry,
         });
     }

@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use instruments::clock::Clock;
+use instruments::{
+    clock::Clock,
+    units::{Celsius, Volts},
+};
 
 use bench_core::{
     safety::failure::Failure,
@@ -73,8 +76,8 @@ pub fn guardian(args: &GuardianArgs) -> Result<(), Failure> {
         let charge = Charge {
             bench: &bench,
             run: &args.run,
-            window_v: (args.least_v, args.greatest_v),
-            cell_degc,
+            window_v: (Volts(args.least_v), Volts(args.greatest_v)),
+            cell_degc: cell_degc.map(|(least, greatest)| (Celsius(least), Celsius(greatest))),
             sha256: found,
         };
         guardian::watch(&charge, &Clock::start(bench.time()))

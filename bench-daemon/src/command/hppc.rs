@@ -114,8 +114,8 @@ fn limits_of(
         return Ok(None);
     }
     let cell = cell.or(log.cell.as_ref()).map(|cell| cell.limits);
-    let min_v = args.v_min.or(cell.map(|limits| limits.min_v));
-    let max_v = args.v_max.or(cell.map(|limits| limits.max_v));
+    let min_v = args.v_min.or(cell.map(|limits| limits.min_v.value()));
+    let max_v = args.v_max.or(cell.map(|limits| limits.max_v.value()));
     match (min_v, max_v) {
         (Some(min_v), Some(max_v)) => Ok(Some(hppc::Limits { min_v, max_v })),
         _ => Err(Failure::Usage(format!(

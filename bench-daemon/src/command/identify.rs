@@ -64,7 +64,7 @@ pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
                 "supply4q   {ANALOG:<20} no link: {} A/V, rated {} A; the program cannot switch, \
                 limit or read it",
                 supply.amps_per_volt,
-                supply.rated_a
+                supply.rated_a.0
             );
         }
     }

@@ -7,6 +7,7 @@ use instruments::{
     generator,
     instrument::{Unattended, by_key},
     load, supply, supply4q,
+    units::{Amps, Seconds},
 };
 
 use bench_core::{
@@ -77,11 +78,11 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
         Some(longest_s) if longest_s.is_finite() => {
             texts.push(format!(
                 "without a further message the generator falls silent after about \
-            {longest_s:.0} s: it plays bursts"
+            {longest_s:.0}: it plays bursts"
             ));
         }
         Some(_) => {
-            let biased = plan.stages.iter().any(|stage| stage.bias_a() != 0.0);
+            let biased = plan.stages.iter().any(|stage| stage.bias_a() != Amps(0.0));
             let why = match generator.map(|dialect| dialect.most_periods()) {
                 _ if biased => {
                     "a burst ends a sinusoid, but not the direct current under it".to_owned()
@@ -199,13 +200,13 @@ fn unattended(role: &str, instrument: &Instrument, how: Unattended, limits: &Lim
     match how {
         Unattended::StopsBelow => format!(
             "without a further message the {role} ({model}) stops by itself at {} V or above",
-            limits.min_v
+            limits.min_v.0
         ),
         Unattended::HoldsVoltage => {
             format!(
                 "without a further message the {role} ({model}) holds {} V or less, and its \
                 current falls",
-                limits.max_v
+                limits.max_v.0
             )
         }
         Unattended::NothingKnown => {
@@ -259,10 +260,10 @@ fn told(experiment: &Experiment, plan: &Plan) -> Told {
         cell: experiment.cell.name.clone(),
         stages: plan.stages.iter().map(stage).collect(),
         points: plan.points(&experiment.cell.limits),
-        expected_s: plan.expected_s(),
-        longest_s: plan.longest_s(),
-        longest_pause_s: pause,
-        longest_abort_s: abort,
+        expected_s: plan.expected_s().0,
+        longest_s: plan.longest_s().0,
+        longest_pause_s: pause.map(Seconds::value),
+        longest_abort_s: abort.map(Seconds::value),
         notes: wide
             .chain(left_out(experiment))
             .chain(watched(experiment))
@@ -281,7 +282,8 @@ fn points(experiment: &Experiment, plan: &Plan) {
     say!("\npoints of the map");
     rows.iter().for_each(|row| say!("  {}", row.line()));
     let (into_coulomb, out_coulomb) = rows.iter().fold((0.0, 0.0), |sum, row| {
-        (sum.0 + row.charge_coulomb.0, sum.1 + row.charge_coulomb.1)
+        let (into, out) = row.charge_coulomb;
+        (sum.0 + into.value(), sum.1 + out.value())
     });
     say!(
         "  {} points; {:.2} Ah out, {:.2} Ah in",
@@ -334,14 +336,14 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
     };
     say!(
         "\nabout {}, at most {} of bench time",
-        hours(plan.plan().expected_s()),
-        hours(plan.plan().longest_s())
+        hours(plan.plan().expected_s().0),
+        hours(plan.plan().longest_s().0)
     );
     let [pause, end] = plan.plan().waits();
-    let told = |wait: Option<(&Step, f64, f64)>| {
-        let text = |(step, about_s, s): (&Step, f64, f64)| {
+    let told = |wait: Option<(&Step, Seconds, Seconds)>| {
+        let text = |(step, about_s, longest_s): (&Step, Seconds, Seconds)| {
             format!(
-                "about {about_s:.0} s, at most {s:.0} s ({})",
+                "about {about_s:.0}, at most {longest_s:.0} ({})",
                 step.to_string().trim()
             )
         };

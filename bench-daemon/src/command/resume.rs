@@ -158,7 +158,7 @@ fn begun_s(folder: &Path) -> f64 {
         .iter()
         .rev()
         .find(|line| matches!(line.entry, Entry::Intent { .. }));
-    begun.map_or(0.0, |line| line.time_s)
+    begun.map_or(0.0, |line| line.time_s.0)
 }
 
 /// Finished part of a run, and the run simulated again.
@@ -265,7 +265,7 @@ fn time_s(text: &[u8], at: usize) -> Option<f64> {
     let line = String::from_utf8_lossy(&text[start..]);
     let line = line.lines().next()?;
     if let Ok(line) = serde_json::from_str::<Line>(line) {
-        return Some(line.time_s);
+        return Some(line.time_s.0);
     }
     let number: String = line
         .trim_start()

@@ -74,7 +74,7 @@ fn step_s(folder: &Path, replay: &JournalReplay) -> Option<f64> {
     let (stage, step) = lines.iter().rev().find_map(in_work)?;
     let experiment = begun_experiment(folder, &replay.started).ok()?;
     let plan = procedure::plan(&experiment);
-    Some(plan.stages.get(stage)?.steps.get(step)?.expected_s())
+    Some(plan.stages.get(stage)?.steps.get(step)?.expected_s().0)
 }
 
 /// Sets which runs of a campaign come next. Replaces any earlier order.
@@ -203,7 +203,7 @@ fn unheard(folder: &Path, replay: &JournalReplay, lines: &[Line]) -> String {
     format!(
         "the run cannot receive requests: its process ended at {:.0} s of bench time, {points} \
         points finished, last in step \"{}\"; {bench_state}; `eis-bench resume {}` continues it",
-        replay.last_s,
+        replay.last_s.0,
         last.unwrap_or("none"),
         pasted(folder)
     )

@@ -9,6 +9,8 @@ use bench_plan::{
     procedure,
 };
 
+use instruments::units::{Amps, Volts};
+
 use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO, program, sent};
 
 const LINKED: &str = "model = \"kepco-bop-mg\"\naddress = \"memory:supply4q\"";
@@ -257,12 +259,13 @@ fn the_benches_of_the_thesis_are_as_they_were_built() {
     let (thesis, _) = load_bench(&configs.join("benches/thesis.toml")).unwrap();
     assert_eq!(thesis.bipolar_model(), Some("analog"));
     // −0.28 V − A/2, the amplitude multiplied by 1.045.
-    let offset_v = |amps: f64| thesis.wiring.command_offset_v + amps * thesis.wiring.volts_per_amp;
+    let offset_v =
+        |amps: f64| thesis.wiring.command_offset_v + Volts(amps * thesis.wiring.volts_per_amp);
     assert_eq!(
         [offset_v(0.0), offset_v(1.0), offset_v(-2.0)],
-        [-0.28, -0.78, 0.72]
+        [-0.28, -0.78, 0.72].map(Volts)
     );
-    assert!((thesis.wiring.command_v(1.0) + 0.5225).abs() < 1e-12);
+    assert!((thesis.wiring.command_v(Amps(1.0)) + Volts(0.5225)).abs() < Volts(1e-12));
     let addresses: Vec<String> = thesis
         .instruments
         .addressed()

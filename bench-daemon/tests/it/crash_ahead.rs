@@ -90,7 +90,7 @@ fn points(run: &Path) -> Points {
             .map(|(number, _)| number)
             .collect()
     };
-    let (loaded_s, away_s) = wave_s(&transcript(run, "generator").records, lines[wave].time_s);
+    let (loaded_s, away_s) = wave_s(&transcript(run, "generator").records, lines[wave].time_s.0);
     let playing = between(loaded_s, away_s);
     assert!(
         !playing.is_empty(),
@@ -100,7 +100,7 @@ fn points(run: &Path) -> Points {
     // the index, but the journal does not yet record that it is done.
     let exchange = |third: usize| format!("exchange:{}", playing[third * playing.len() / 3]);
     Points {
-        exchanges: between(lines[first].time_s, lines[end].time_s),
+        exchanges: between(lines[first].time_s.0, lines[end].time_s.0),
         // The ends of the writes of these lines: 2n − 1 before the n-th, 2n after it.
         writes: (2 * first + 1..=2 * end + 2).collect(),
         wave: vec![exchange(1), exchange(2), format!("journal:{}", 2 * end + 1)],

@@ -289,7 +289,7 @@ fn the_example_measures_every_point_at_its_charge_and_temperature() {
     let before_coulomb = last["charge_before_c"].as_f64().unwrap();
     assert!((before_coulomb + 0.8 * COULOMB).abs() < 30.0, "{last}");
     let rows = read_trace_csv(&found[5].series[0]).unwrap();
-    let counted = 1.0 + (before_coulomb + charge_of(&rows)) / COULOMB;
+    let counted = 1.0 + (before_coulomb + charge_of(&rows).value()) / COULOMB;
     let full_off = found[0].soc_by_ocv.unwrap() - found[0].soc;
     let truth_soc = world.lock().unwrap().truth_soc();
     assert!(

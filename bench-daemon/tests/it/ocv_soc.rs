@@ -5,6 +5,8 @@ use bench_daemon::command::run::run_experiment;
 use bench_evaluate::run::Finished;
 use bench_plan::config::{Experiment, load_experiment};
 
+use instruments::units::Ohms;
+
 use crate::support::{EXPERIMENT, Files, Ports, json, poll, program};
 
 fn experiment() -> Experiment {
@@ -88,7 +90,7 @@ fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_r
 fn the_data_sheets_resistance_leaves_what_it_misses() {
     let mut experiment = experiment();
     let ocv = experiment.ocv_soc.as_mut().unwrap();
-    (ocv.dcir_ohm, ocv.interruptions, ocv.both_directions) = (Some(0.015), 0, false);
+    (ocv.dcir_ohm, ocv.interruptions, ocv.both_directions) = (Some(Ohms(0.015)), 0, false);
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
     let finished = run_experiment(&experiment, &run).unwrap();

@@ -48,9 +48,9 @@ fn lateness(files: &Files, run: &str) -> (Vec<f64>, f64) {
                 let wait = text
                     .split_once("wait ")
                     .and_then(|(_, wait)| wait.trim_end_matches(" s").parse::<f64>().ok());
-                begun = line.time_s + wait.unwrap_or(0.0);
+                begun = line.time_s.value() + wait.unwrap_or(0.0);
             }
-            Entry::Point(_) => late.push(line.time_s - begun),
+            Entry::Point(_) => late.push(line.time_s.value() - begun),
             _ => {}
         }
     }
@@ -206,7 +206,7 @@ fn report(
             && point.point.fixture == instruments::fixture::Fixture::Cell
         {
             cell += 1;
-            done.push(start_s + line.time_s);
+            done.push(start_s + line.time_s.value());
         }
     }
     // When each listener had each point of the cell's sweep.

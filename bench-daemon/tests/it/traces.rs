@@ -622,7 +622,7 @@ fn a_direct_current_is_added_to_every_row_of_currents_and_not_to_powers() {
     let currents = |files: &Files| -> Vec<f64> {
         let experiment = files.load();
         let segments = experiment.traces[0].segments.iter();
-        segments.map(|segment| segment.current_a).collect()
+        segments.map(|segment| segment.current_a.value()).collect()
     };
     let key =
         |bias: &str| trace_only().edit(EXPERIMENT, "segments = [", &format!("{bias}segments = ["));

@@ -47,6 +47,19 @@ pub trait Unit: Copy + PartialOrd {
     fn number(self) -> f64;
 }
 
+/// A number without a unit.
+impl Unit for f64 {
+    const SYMBOL: &'static str = "";
+
+    fn of(value: f64) -> Self {
+        value
+    }
+
+    fn number(self) -> f64 {
+        self
+    }
+}
+
 macro_rules! unit {
     ($(#[$doc:meta])* $name:ident, $symbol:literal) => {
         $(#[$doc])*
@@ -337,17 +350,21 @@ impl Sub<Kelvins> for Celsius {
     }
 }
 
-impl Hertz {
-    /// Returns the period of this frequency.
-    pub const fn period(self) -> Seconds {
-        Seconds(1.0 / self.0)
+/// The time of a number of periods.
+impl Div<Hertz> for f64 {
+    type Output = Seconds;
+
+    fn div(self, frequency: Hertz) -> Seconds {
+        Seconds(self / frequency.0)
     }
 }
 
-impl Seconds {
-    /// Returns the frequency of this period.
-    pub const fn frequency(self) -> Hertz {
-        Hertz(1.0 / self.0)
+/// The frequency of a number of periods in a time.
+impl Div<Seconds> for f64 {
+    type Output = Hertz;
+
+    fn div(self, time: Seconds) -> Hertz {
+        Hertz(self / time.0)
     }
 }
 
@@ -428,7 +445,7 @@ mod tests {
         );
         assert_eq!(Kelvins(6.0) / Seconds(3.0), KelvinsPerSecond(2.0));
         assert_eq!(
-            (Hertz(4.0).period(), Seconds(0.25).frequency()),
+            (1.0 / Hertz(4.0), 1.0 / Seconds(0.25)),
             (Seconds(0.25), Hertz(4.0))
         );
         assert_eq!(

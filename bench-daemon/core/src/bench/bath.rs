@@ -6,7 +6,11 @@
 use std::time::Duration;
 
 use instruments::{
-    chiller::Chiller, clock::Clock, exchange::plain, link::LinkError, units::Celsius,
+    chiller::Chiller,
+    clock::Clock,
+    exchange::plain,
+    link::LinkError,
+    units::{Celsius, Seconds},
 };
 
 use super::{
@@ -17,18 +21,20 @@ use super::{
 };
 use bench_plan::interlock::{BathFault, BathJudge, BathReading};
 
+use crate::clock::TypedClock;
+
 /// Longest wait for the answers of the bath.
 const ASKED: Duration = Duration::from_secs(5);
 /// How long a bath far from its set-point is observed to determine its direction, and the pause
 /// between two readings, s.
-const WATCHED_S: f64 = 10.0;
-const AGAIN_S: f64 = 1.0;
+const WATCHED_S: Seconds = Seconds(10.0);
+const AGAIN_S: Seconds = Seconds(1.0);
 
 /// Criteria for a bath beside its own settings.
 #[derive(Debug, Clone, Default)]
 pub struct BathOrder {
     /// Least and greatest temperature of the cell, °C, where they are known.
-    pub cell_degc: Option<(f64, f64)>,
+    pub cell_degc: Option<(Celsius, Celsius)>,
     /// Why the bath must be stopped in any case, as text.
     pub stop: Option<String>,
 }
@@ -78,10 +84,10 @@ impl Bench {
             Ok((Some(met), _)) => Some(stopped(bath, &met).await),
             Ok((None, None)) => None,
             Ok((None, Some(setpoint))) => {
-                match read_sensor(bath, &clock, setpoint.value(), order.cell_degc).await {
+                match read_sensor(bath, &clock, setpoint, order.cell_degc).await {
                     SensorReading::Sound(_) => None,
                     SensorReading::Wrong(fault) => Some(stopped(bath, &fault.to_string()).await),
-                    SensorReading::Unread(why) => Some(unread(setpoint.value(), &why)),
+                    SensorReading::Unread(why) => Some(unread(setpoint, &why)),
                 }
             }
             Err(why) => {
@@ -97,13 +103,13 @@ impl Bench {
     /// it died.
     pub async fn stop_stray_bath_of(
         &mut self,
-        setpoint_degc: f64,
+        setpoint_degc: Celsius,
         order: &BathOrder,
     ) -> Option<BathLeft> {
         self.instruments
             .chiller
             .as_ref()?
-            .was_left_at(Celsius(setpoint_degc))
+            .was_left_at(setpoint_degc)
             .await;
         self.stop_stray_bath(order).await
     }
@@ -111,7 +117,7 @@ impl Bench {
     /// Returns the state of a bath that closes its own loop, for a person. Stops the bath if its
     /// set-point or its sensor lies outside the limits of the cell, °C, if these are known, or if
     /// the bath moves away from its set-point. Returns `None` on a bench without such a bath.
-    pub async fn bath(&mut self, cell_degc: Option<(f64, f64)>) -> Option<BathLeft> {
+    pub async fn bath(&mut self, cell_degc: Option<(Celsius, Celsius)>) -> Option<BathLeft> {
         let model = self.model("chiller").to_owned();
         let clock = self.clock.clone();
         let bath = self
@@ -124,7 +130,7 @@ impl Bench {
             Ok::<_, LinkError>((bath.setpoint().await?, bath.status().await?.running))
         };
         let (setpoint_degc, running) = match within(&clock, asked).await {
-            Ok((Some(setpoint), running)) => (setpoint.value(), running),
+            Ok((Some(setpoint), running)) => (setpoint, running),
             Ok((None, _)) => return None,
             Err(why) => {
                 tracing::warn!("bath: {why}");
@@ -133,7 +139,7 @@ impl Bench {
                 )));
             }
         };
-        let text = plain(setpoint_degc);
+        let text = plain(setpoint_degc.value());
         if !running {
             return Some(BathLeft::told(format!(
                 "the bath ({model}) stands still; its set-point is {text} °C"
@@ -144,15 +150,15 @@ impl Bench {
         {
             let met = format!(
                 "its set-point is {text} °C, and the cell bears {} °C to {} °C",
-                plain(least),
-                plain(greatest)
+                plain(least.value()),
+                plain(greatest.value())
             );
             return Some(stopped(bath, &met).await);
         }
         Some(
             match read_sensor(bath, &clock, setpoint_degc, cell_degc).await {
                 SensorReading::Sound(sensor_degc) => BathLeft::told(format!(
-                    "the bath ({model}) goes on: set to {setpoint_degc:.1} °C, its sensor reads \
+                    "the bath ({model}) goes on: set to {setpoint_degc:.1}, its sensor reads \
                 {sensor_degc:.1} °C"
                 )),
                 SensorReading::Wrong(fault) => stopped(bath, &fault.to_string()).await,
@@ -174,10 +180,10 @@ async fn within<T>(
 }
 
 /// Describes a running bath whose temperature is unknown.
-fn unread(setpoint_degc: f64, why: &str) -> BathLeft {
+fn unread(setpoint_degc: Celsius, why: &str) -> BathLeft {
     tracing::warn!("bath: {why}");
     BathLeft::astray(&format!(
-        "set to {setpoint_degc:.1} °C; its temperature was not read"
+        "set to {setpoint_degc:.1}; its temperature was not read"
     ))
 }
 
@@ -186,27 +192,27 @@ fn unread(setpoint_degc: f64, why: &str) -> BathLeft {
 async fn read_sensor(
     bath: &mut Chiller,
     clock: &Clock,
-    setpoint_degc: f64,
-    cell_degc: Option<(f64, f64)>,
+    setpoint_degc: Celsius,
+    cell_degc: Option<(Celsius, Celsius)>,
 ) -> SensorReading {
     let mut judge = BathJudge::leaving(cell_degc);
-    let end_s = clock.now_s() + WATCHED_S;
+    let end_s = clock.now() + WATCHED_S;
     loop {
         let sensor_degc = match within(clock, bath.temperature()).await {
             Ok(celsius) => celsius.value(),
             Err(why) => return SensorReading::Unread(why),
         };
         let reading = BathReading {
-            sensor_degc: Some(sensor_degc),
+            sensor_degc: Some(Celsius(sensor_degc)),
             setpoint_degc,
         };
-        if let Some(fault) = judge.judge(reading, clock.now_s()) {
+        if let Some(fault) = judge.judge(reading, clock.now()) {
             return SensorReading::Wrong(fault);
         }
-        if BathJudge::is_held(reading) || clock.now_s() >= end_s {
+        if BathJudge::is_held(reading) || clock.now() >= end_s {
             return SensorReading::Sound(sensor_degc);
         }
-        clock.sleep_s(AGAIN_S).await;
+        clock.sleep_for(AGAIN_S).await;
     }
 }
 

@@ -2,7 +2,10 @@
 //! which current still flows, which meter shows it, what bounds it, and what to unplug. The
 //! daemon, its guardian, `eis-bench safe` and the server share it.
 
-use instruments::clock;
+use instruments::{
+    clock,
+    units::{Amps, Volts},
+};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -19,9 +22,11 @@ pub struct Output {
     /// True if the instrument reports its output off.
     pub off: bool,
     /// Measured voltage, V; null without a meter or an answer.
-    pub volts: Option<f64>,
+    #[schema(value_type = Option<f64>)]
+    pub volts: Option<Volts>,
     /// Measured current, A; null without a meter or an answer.
-    pub amps: Option<f64>,
+    #[schema(value_type = Option<f64>)]
+    pub amps: Option<Amps>,
     /// True if it reported off while a current flowed.
     #[serde(default)]
     pub lied: bool,
@@ -74,7 +79,7 @@ impl Output {
             OutputState::Off
         } else if self.lied || (!self.off && (self.amps.is_some() || self.holds())) {
             OutputState::On
-        } else if self.off && is_metered && self.amps.is_some_and(f64::is_finite) {
+        } else if self.off && is_metered && self.amps.is_some_and(Amps::is_finite) {
             OutputState::Current
         } else {
             OutputState::Unreachable
@@ -83,8 +88,8 @@ impl Output {
             role: self.role.clone(),
             model: self.model.clone(),
             state,
-            volts: self.volts,
-            amps: self.amps,
+            volts: self.volts.map(Volts::value),
+            amps: self.amps.map(Amps::value),
             unix_s,
             by: by.to_owned(),
         }
@@ -139,13 +144,13 @@ impl Output {
                 format!(
                     "{:.2} A may still flow through {name}: its own meter shows them, though it \
                     says that it is off{bound}: {unplug}",
-                    amps.abs()
+                    amps.abs().0
                 )
             }
             (_, Some(amps)) if amps.abs() > NO_CURRENT_A => {
                 format!(
                     "{:.2} A still flow through {name} by its own meter{bound}: {unplug}",
-                    amps.abs()
+                    amps.abs().0
                 )
             }
             (_, Some(amps)) if self.lied => {
@@ -156,7 +161,7 @@ impl Output {
                 format!(
                     "{name} says that it is off, but a current flowed{by}; its own meter now shows \
                     {:.2} A: {unplug}",
-                    amps.abs()
+                    amps.abs().0
                 )
             }
             (_, Some(amps)) => {
@@ -167,7 +172,7 @@ impl Output {
                 format!(
                     "{name} does not say that it is off; its own meter shows {:.2} A{by}{bound}: \
                     {unplug}",
-                    amps.abs()
+                    amps.abs().0
                 )
             }
             (_, None) => {
@@ -206,7 +211,7 @@ impl Output {
     /// Returns one line for people.
     pub fn line(&self) -> String {
         let meter = match (self.volts, self.amps) {
-            (Some(volts), Some(amps)) => format!("; {volts:.4} V, {amps:.4} A"),
+            (Some(volts), Some(amps)) => format!("; {volts:.4}, {amps:.4}"),
             _ => String::new(),
         };
         let state = match &self.by {
@@ -424,8 +429,8 @@ impl SafeReport {
     }
 }
 
-fn weight(output: &Output) -> f64 {
-    output.amps.map_or(0.5 * NO_CURRENT_A, f64::abs)
+fn weight(output: &Output) -> Amps {
+    output.amps.map_or(0.5 * NO_CURRENT_A, Amps::abs)
 }
 
 /// A bench whose outputs are not known to be off.
@@ -437,12 +442,12 @@ pub struct Unsafe(pub Box<SafeReport>);
 mod tests {
     use super::*;
 
-    fn output(role: &str, off: bool, amps: Option<f64>) -> Output {
+    fn output(role: &str, off: bool, amps: Option<Amps>) -> Output {
         Output {
             role: role.to_owned(),
             model: "m".to_owned(),
             off,
-            volts: amps.map(|_| 3.7),
+            volts: amps.map(|_| Volts(3.7)),
             amps,
             ..Output::default()
         }
@@ -452,12 +457,12 @@ mod tests {
     fn one_sentence_says_what_flows_by_whose_reading_what_bounds_it_and_what_to_unplug() {
         let load = Output {
             bound: Some("it stops below 2.5 V".to_owned()),
-            ..output("load", false, Some(3.0))
+            ..output("load", false, Some(Amps(3.0)))
         };
         let report = SafeReport::of(
             "demo",
             vec![
-                output("supply4q", true, Some(0.001)),
+                output("supply4q", true, Some(Amps(0.001))),
                 output("generator", true, None),
                 load,
             ],
@@ -475,7 +480,7 @@ mod tests {
         assert_eq!((report.verified, report.message.as_str()), (false, unknown));
         let zeroed = Output {
             by: Some("its current at 0".to_owned()),
-            ..output("supply", false, Some(0.0))
+            ..output("supply", false, Some(Amps(0.0)))
         };
         let words = "the charger (m) does not say that it is off; its own meter shows 0.00 A since \
         it was given its current at 0: UNPLUG THE CHARGER FROM \
@@ -491,7 +496,7 @@ mod tests {
         };
         let report = SafeReport::of(
             "demo",
-            vec![output("supply4q", false, Some(2.0)), held.clone()],
+            vec![output("supply4q", false, Some(Amps(2.0))), held.clone()],
         );
         let words = "2.00 A still flow through the bipolar supply (m) by its own meter: UNPLUG THE \
         BIPOLAR SUPPLY FROM THE CELL";
@@ -549,7 +554,7 @@ mod tests {
         let lied = Output {
             lied: true,
             by: Some("its set-points at 0".to_owned()),
-            ..output("load", true, Some(0.0))
+            ..output("load", true, Some(Amps(0.0)))
         };
         let report = SafeReport::of("demo", vec![lied]);
         let words = "the load (m) says that it is off, but a current flowed until it was given its \
@@ -566,7 +571,7 @@ mod tests {
         let words = "3.00 A may still flow through the load (m): its own meter shows them, though \
         it says that it is off: UNPLUG THE LOAD FROM THE CELL";
         assert_eq!(
-            SafeReport::of("demo", vec![output("load", true, Some(3.0))]).message,
+            SafeReport::of("demo", vec![output("load", true, Some(Amps(3.0)))]).message,
             words
         );
     }
@@ -574,11 +579,11 @@ mod tests {
     #[test]
     fn only_what_is_off_and_carries_nothing_is_verified() {
         for (made, verified) in [
-            (output("load", true, Some(0.05)), true),
-            (output("load", true, Some(0.2)), false),
-            (output("load", true, Some(f64::NAN)), false),
+            (output("load", true, Some(Amps(0.05))), true),
+            (output("load", true, Some(Amps(0.2))), false),
+            (output("load", true, Some(Amps::NAN)), false),
             (output("load", true, None), false),
-            (output("load", false, Some(0.0)), false),
+            (output("load", false, Some(Amps(0.0))), false),
             (output("generator", true, None), true),
             (output("generator", false, None), false),
         ] {
@@ -596,7 +601,7 @@ mod tests {
             "demo",
             vec![
                 output("supply4q", false, None),
-                output("load", false, Some(3.0)),
+                output("load", false, Some(Amps(3.0))),
             ],
         );
         assert!(

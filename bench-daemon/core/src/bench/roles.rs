@@ -206,7 +206,7 @@ fn options(
     profile: LinkProfile,
 ) -> LinkOptions {
     let timeout = profile.timeout.max(Duration::from_secs_f64(
-        ANSWERS_PER_TIMEOUT * instrument.answer_s,
+        ANSWERS_PER_TIMEOUT * instrument.answer_s.value(),
     ));
     LinkOptions {
         name: role.to_owned(),

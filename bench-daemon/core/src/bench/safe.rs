@@ -5,8 +5,16 @@
 use std::{collections::BTreeMap, future::pending, time::Duration};
 
 use instruments::{
-    chiller::Chiller, clock::Clock, exchange::Way, generator::Generator, instrument::Measured,
-    link::LinkError, load::Load, supply::Supply, supply4q::Supply4q, units::Volts,
+    chiller::Chiller,
+    clock::Clock,
+    exchange::Way,
+    generator::Generator,
+    instrument::Measured,
+    link::LinkError,
+    load::Load,
+    supply::Supply,
+    supply4q::Supply4q,
+    units::{Amps, Seconds, Volts},
 };
 
 use super::{
@@ -17,23 +25,25 @@ use super::{
 };
 use bench_plan::interlock::{Drive, NO_CURRENT_A};
 
+use crate::clock::TypedClock;
+
 /// Number of retries of the safe state, and the pause before each, s.
 const SAFE_RETRIES: usize = 5;
-const SAFE_PAUSE_S: f64 = 1.0;
+const SAFE_PAUSE_S: Seconds = Seconds(1.0);
 /// How long outputs that do not answer are retried, s: a network outage that ends within this time
 /// does not end a run. An output that answers and is not off is faulty, not late.
-const OUTAGE_S: f64 = 30.0;
+const OUTAGE_S: Seconds = Seconds(30.0);
 /// Pause between two of these attempts.
 const OUTAGE_PAUSE: Duration = Duration::from_secs(1);
 /// How often relays are opened again if everything else is off.
 const BATH_RETRIES: usize = 1;
 /// Time after which no current may flow, s. Two successive readings without current, this far
 /// apart, count as no current.
-const SAFE_SETTLE_S: f64 = 0.5;
+const SAFE_SETTLE_S: Seconds = Seconds(0.5);
 /// Settling time after a repeated shutdown, s: a meter that shows two values per second shows the
 /// new value within it.
-const SAFE_SETTLE_AGAIN_S: f64 = 1.0;
-const SAFE_AGAIN_S: f64 = 0.1;
+const SAFE_SETTLE_AGAIN_S: Seconds = Seconds(1.0);
+const SAFE_AGAIN_S: Seconds = Seconds(0.1);
 /// Longest wait for the generator's least sine before the supply is switched off. Its first
 /// message arrives within this time; a slow generator's read-backs are not waited for.
 const QUIET_DEADLINE: Duration = Duration::from_millis(700);
@@ -41,17 +51,17 @@ const QUIET_DEADLINE: Duration = Duration::from_millis(700);
 /// An instrument that can move charge and measures its own current.
 pub(crate) trait Driven {
     async fn off(&mut self) -> Result<(), LinkError>;
-    async fn read(&mut self) -> Result<(f64, f64), LinkError>;
-    async fn read_current(&mut self) -> Result<f64, LinkError>;
+    async fn read(&mut self) -> Result<(Volts, Amps), LinkError>;
+    async fn read_current(&mut self) -> Result<Amps, LinkError>;
     fn ways(&self) -> Vec<Way>;
     async fn go_way(&mut self, way: &Way) -> Result<(), LinkError>;
     async fn told(&mut self) -> Vec<String>;
-    fn rating_a(&self) -> f64;
+    fn rating_a(&self) -> Amps;
     async fn renew(&mut self);
     async fn in_step(&mut self) -> Result<(), LinkError>;
     async fn identify_same(&mut self) -> Result<(), LinkError>;
     fn is_dropped(&mut self) -> bool;
-    fn answer_time_s(&mut self) -> f64;
+    fn answer_time_s(&mut self) -> Seconds;
     fn last_measured(&self) -> Option<Measured>;
 }
 
@@ -62,12 +72,12 @@ macro_rules! drives {
                 self.safe().await
             }
 
-            async fn read(&mut self) -> Result<(f64, f64), LinkError> {
-                self.measure().await.map(|(volts, amps)| (volts.value(), amps.value()))
+            async fn read(&mut self) -> Result<(Volts, Amps), LinkError> {
+                self.measure().await
             }
 
-            async fn read_current(&mut self) -> Result<f64, LinkError> {
-                self.measure_current().await.map(|amps| amps.value())
+            async fn read_current(&mut self) -> Result<Amps, LinkError> {
+                self.measure_current().await
             }
 
             fn ways(&self) -> Vec<Way> {
@@ -82,8 +92,8 @@ macro_rules! drives {
                 self.bounds().await
             }
 
-            fn rating_a(&self) -> f64 {
-                self.capabilities().$rating.value()
+            fn rating_a(&self) -> Amps {
+                self.capabilities().$rating
             }
 
             async fn renew(&mut self) {
@@ -102,8 +112,8 @@ macro_rules! drives {
                 self.link_mut().is_dropped()
             }
 
-            fn answer_time_s(&mut self) -> f64 {
-                self.link_mut().answer_time_s()
+            fn answer_time_s(&mut self) -> Seconds {
+                Seconds(self.link_mut().answer_time_s())
             }
 
             fn last_measured(&self) -> Option<Measured> {
@@ -136,7 +146,7 @@ impl Bench {
     /// new connection, because the shutdown is idempotent. An instrument that once reported a
     /// wrong state is not trusted again.
     pub async fn safe_state(&mut self) -> SafeReport {
-        self.safe_state_within(0.0).await
+        self.safe_state_within(Seconds::ZERO).await
     }
 
     /// As [`Self::safe_state`], for use during a run: outputs that do not answer are retried for
@@ -145,17 +155,17 @@ impl Bench {
         self.safe_state_within(OUTAGE_S).await
     }
 
-    async fn safe_state_within(&mut self, outage_s: f64) -> SafeReport {
+    async fn safe_state_within(&mut self, outage_s: Seconds) -> SafeReport {
         let report = self.switch_off(outage_s).await;
         self.last_safe = Some(report.clone());
         report
     }
 
-    async fn switch_off(&mut self, outage_s: f64) -> SafeReport {
-        let began_s = self.clock.machine_s();
+    async fn switch_off(&mut self, outage_s: Seconds) -> SafeReport {
+        let began_s = self.clock.machine();
         let mut report = SafeReport::default();
         for attempt in 0.. {
-            let waits = report.is_silent() && self.clock.machine_s() - began_s < outage_s;
+            let waits = report.is_silent() && self.clock.machine() - began_s < outage_s;
             if attempt > SAFE_RETRIES && !waits {
                 break;
             }
@@ -163,7 +173,7 @@ impl Bench {
                 // A real network does not recover faster in scaled time.
                 let _ = self.clock.deadline(OUTAGE_PAUSE, pending::<()>()).await;
             } else if attempt > 0 {
-                self.clock.sleep_s(SAFE_PAUSE_S).await;
+                self.clock.sleep_for(SAFE_PAUSE_S).await;
             }
             let mut outputs = self.try_safe().await;
             remember(&mut self.lied, &mut outputs);
@@ -239,7 +249,7 @@ impl Bench {
 
     /// Reads voltage, V, and current, A, of each instrument that can move charge. A generator has
     /// no meter.
-    pub async fn read_back(&mut self) -> Vec<(&'static str, Result<(f64, f64), BenchError>)> {
+    pub async fn read_back(&mut self) -> Vec<(&'static str, Result<(Volts, Amps), BenchError>)> {
         let mut found = Vec::new();
         macro_rules! read {
             ($role:literal, $field:ident) => {
@@ -265,7 +275,7 @@ impl Bench {
     pub async fn read(
         &mut self,
         drive: Drive,
-    ) -> Result<Result<(f64, f64), LinkError>, BenchError> {
+    ) -> Result<Result<(Volts, Amps), LinkError>, BenchError> {
         macro_rules! read {
             ($field:ident) => {
                 match self.instruments.$field.as_mut() {
@@ -386,7 +396,7 @@ async fn end<D: Driven>(drive: &mut Option<D>, clock: &Clock) -> Ended {
 }
 
 /// Checks whether a reading shows a current.
-fn flows(amps: f64) -> bool {
+fn flows(amps: Amps) -> bool {
     amps.abs() > NO_CURRENT_A
 }
 
@@ -394,7 +404,7 @@ fn flows(amps: f64) -> bool {
 /// current flows. Returns the name of the method that succeeded.
 async fn zero<D: Driven>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
     /// Time after which a meter shows the new current, s.
-    const SHOWN_S: f64 = 0.3;
+    const SHOWN_S: Seconds = Seconds(0.3);
     for way in drive.ways() {
         drive.renew().await;
         if let Err(error) = drive.go_way(&way).await {
@@ -404,7 +414,7 @@ async fn zero<D: Driven>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
         if drive.is_dropped() {
             return None;
         }
-        clock.sleep_s(SHOWN_S).await;
+        clock.sleep_for(SHOWN_S).await;
         if drive.read().await.is_ok_and(|(_, amps)| !flows(amps)) {
             return Some(way.name);
         }
@@ -417,18 +427,18 @@ async fn zero<D: Driven>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
 async fn at_rest<D: Driven>(
     drive: &mut D,
     clock: &Clock,
-    within_s: f64,
-) -> Result<(f64, f64), LinkError> {
-    let until_s = clock.now_s() + within_s;
+    within_s: Seconds,
+) -> Result<(Volts, Amps), LinkError> {
+    let until_s = clock.now() + within_s;
     let mut quiet = 0;
     loop {
         let read = drive.read().await;
         let Ok((_, amps)) = read else { return read };
         quiet = if flows(amps) { 0 } else { quiet + 1 };
-        if quiet >= 2 || clock.now_s() >= until_s {
+        if quiet >= 2 || clock.now() >= until_s {
             return read;
         }
-        clock.sleep_s(SAFE_AGAIN_S).await;
+        clock.sleep_for(SAFE_AGAIN_S).await;
     }
 }
 
@@ -485,7 +495,7 @@ async fn found<D: Driven>(
     if bounds.is_empty() {
         bounds.push(format!(
             "nothing but its rating of {} A is known to bound it",
-            drive.rating_a()
+            drive.rating_a().0
         ));
     }
     if drive.ways().is_empty() {
@@ -599,7 +609,7 @@ mod tests {
 
     /// An output that reports that it is off, but carries a current until its set-point is zero.
     struct Liar {
-        amps: f64,
+        amps: Amps,
         in_step: bool,
     }
 
@@ -608,11 +618,11 @@ mod tests {
             Ok(())
         }
 
-        async fn read(&mut self) -> Result<(f64, f64), LinkError> {
-            Ok((3.7, self.amps))
+        async fn read(&mut self) -> Result<(Volts, Amps), LinkError> {
+            Ok((Volts(3.7), self.amps))
         }
 
-        async fn read_current(&mut self) -> Result<f64, LinkError> {
+        async fn read_current(&mut self) -> Result<Amps, LinkError> {
             Ok(self.amps)
         }
 
@@ -624,7 +634,7 @@ mod tests {
         }
 
         async fn go_way(&mut self, _: &Way) -> Result<(), LinkError> {
-            self.amps = if self.in_step { 0.0 } else { self.amps };
+            self.amps = if self.in_step { Amps(0.0) } else { self.amps };
             Ok(())
         }
 
@@ -632,8 +642,8 @@ mod tests {
             vec!["it is limited to 0 A".to_owned()]
         }
 
-        fn rating_a(&self) -> f64 {
-            30.0
+        fn rating_a(&self) -> Amps {
+            Amps(30.0)
         }
 
         async fn renew(&mut self) {}
@@ -659,8 +669,8 @@ mod tests {
             false
         }
 
-        fn answer_time_s(&mut self) -> f64 {
-            0.0
+        fn answer_time_s(&mut self) -> Seconds {
+            Seconds(0.0)
         }
 
         fn last_measured(&self) -> Option<Measured> {
@@ -687,16 +697,16 @@ mod tests {
     fn a_word_that_was_wrong_stays_unbelieved_when_nothing_flows_any_more() {
         let mut lied = BTreeMap::new();
         let mut first = [ended(Liar {
-            amps: 3.0,
+            amps: Amps(3.0),
             in_step: true,
         })];
         assert!(
-            first[0].off && first[0].lied && first[0].amps == Some(0.0),
+            first[0].off && first[0].lied && first[0].amps == Some(Amps(0.0)),
             "{first:?}"
         );
         remember(&mut lied, &mut first);
         let mut second = [ended(Liar {
-            amps: 0.0,
+            amps: Amps(0.0),
             in_step: true,
         })];
         assert!(second[0].verified());
@@ -710,7 +720,7 @@ mod tests {
     #[test]
     fn an_answer_to_another_question_is_no_current() {
         let output = ended(Liar {
-            amps: 3.7,
+            amps: Amps(3.7),
             in_step: false,
         });
         assert!(

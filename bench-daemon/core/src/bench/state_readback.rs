@@ -4,7 +4,11 @@
 //! After a crash, the last settings of the instruments are unknown. A resumed run records what it
 //! found before it switches anything off.
 
-use instruments::{clock, exchange::Answer};
+use instruments::{
+    clock,
+    exchange::Answer,
+    units::{Amps, Volts},
+};
 use serde::{Deserialize, Serialize};
 
 use super::outputs::{OutputReading, OutputState};
@@ -24,15 +28,15 @@ pub struct InstrumentReadback {
     /// Answers of the instrument.
     pub answers: Vec<Answer>,
     /// Voltage that it measures, V; `None` if it has no voltmeter.
-    pub volts: Option<f64>,
+    pub volts: Option<Volts>,
     /// Current that it measures, A.
-    pub amps: Option<f64>,
+    pub amps: Option<Amps>,
 }
 
 impl InstrumentReadback {
     /// Checks whether the output is off and its meter shows no current.
     pub fn is_quiet(&self) -> bool {
-        self.off && self.amps.unwrap_or(0.0).abs() <= NO_CURRENT_A
+        self.off && self.amps.unwrap_or(Amps::ZERO).abs() <= NO_CURRENT_A
     }
 
     /// Checks whether the instrument can move charge; a bath cannot.
@@ -66,8 +70,8 @@ pub fn readings(
             role: role.to_owned(),
             model: bench.model(role).to_owned(),
             state,
-            volts: meter.0,
-            amps: meter.1,
+            volts: meter.0.map(Volts::value),
+            amps: meter.1.map(Amps::value),
             unix_s,
             by: by.to_owned(),
         })
@@ -155,7 +159,7 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<InstrumentReadback, Benc
         async |i: &mut instruments::supply4q::Supply4q| {
             i.measure()
                 .await
-                .map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
+                .map(|(volts, amps)| (Some(volts), Some(amps)))
         }
     );
     look!(
@@ -172,7 +176,7 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<InstrumentReadback, Benc
     look!("load", load, async |i: &mut instruments::load::Load| {
         i.measure()
             .await
-            .map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
+            .map(|(volts, amps)| (Some(volts), Some(amps)))
     });
     look!(
         "supply",
@@ -180,7 +184,7 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<InstrumentReadback, Benc
         async |i: &mut instruments::supply::Supply| {
             i.measure()
                 .await
-                .map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
+                .map(|(volts, amps)| (Some(volts), Some(amps)))
         }
     );
     all
@@ -189,7 +193,7 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<InstrumentReadback, Benc
 impl std::fmt::Display for InstrumentReadback {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let measured = match (self.volts, self.amps) {
-            (Some(volts), Some(amps)) => format!(", {volts:.4} V, {amps:.4} A"),
+            (Some(volts), Some(amps)) => format!(", {volts:.4}, {amps:.4}"),
             _ => String::new(),
         };
         write!(

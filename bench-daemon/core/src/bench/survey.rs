@@ -308,7 +308,7 @@ impl AnyInstrument {
             }
             Self::Generator(instrument) => [
                 instrument.dialect().output(1, false),
-                instrument.dialect().quiet(1, Volts(0.0)),
+                instrument.dialect().quiet(1, Volts::ZERO),
             ]
             .concat(),
             Self::Scope(instrument) => {
@@ -316,7 +316,7 @@ impl AnyInstrument {
                     Intent::Vertical(Vertical {
                         channel,
                         per_div: Volts(1.0),
-                        offset: Volts(0.0),
+                        offset: Volts::ZERO,
                     })
                 };
                 let intents = (1..=4).map(vertical).chain([

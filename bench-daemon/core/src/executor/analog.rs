@@ -3,7 +3,10 @@
 //! command that moves the current by the right amount in the right direction. A supply that is
 //! switched off, has another gain or another polarity is found before anything else is driven.
 
-use instruments::{fixture::Fixture, units::Volts};
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Hertz, Ohms, Seconds},
+};
 
 use super::{
     ExecuteError, Executor, Rig,
@@ -15,13 +18,13 @@ use crate::record::Event;
 use bench_plan::{interlock::NO_CURRENT_A, plan::Depth};
 
 /// Greatest step of the command that tests gain and sign, A; at most half of the limit.
-const TEST_A: f64 = 0.25;
+const TEST_A: Amps = Amps(0.25);
 /// Greatest relative deviation of the current from this step.
 const FOLLOWS: f64 = 0.25;
 /// Share of the step below which no current follows it.
 const NOTHING: f64 = 0.1;
 /// Time after which the supply follows the step, s.
-const SETTLE_S: f64 = 0.3;
+const SETTLE_S: Seconds = Seconds(0.3);
 /// Points of a record of a level if the plan states none.
 const LEVEL_POINTS: u64 = 10_000;
 
@@ -36,7 +39,7 @@ impl Rig<'_> {
     /// flow.
     pub(super) async fn hold_zero(&mut self) -> Result<(), ExecuteError> {
         let error = self.bench.error("generator");
-        let zero = Volts(self.setup.wiring.command_offset_v);
+        let zero = self.setup.wiring.command_offset_v;
         let generator = require(&mut self.bench.instruments.generator, "generator")?;
         let answers = generator.look().await.map_err(&error)?;
         if answers.iter().all(|answer| answer.as_scripted) {
@@ -56,33 +59,36 @@ impl Executor<'_> {
     pub(super) async fn test_analog(
         &mut self,
         fixture: Fixture,
-        limit_a: f64,
-        allowed_a: f64,
+        limit_a: Amps,
+        allowed_a: Amps,
         depth: Option<Depth>,
     ) -> Result<(), ExecuteError> {
         let points = depth.map_or(LEVEL_POINTS, |depth| depth.record_points);
         let step_a = TEST_A.min(0.5 * limit_a);
-        self.headroom(fixture, 0.0, step_a)?;
+        self.headroom(fixture, Hertz::ZERO, step_a)?;
         let zero = self.level(fixture, points).await?;
         if zero.amps.abs() > allowed_a + zero.unsure_a {
             return Err(ExecuteError::Disobeyed {
                 what: "analog supply with its command at zero".to_owned(),
-                expected: format!("less than {:.3} A by the scope", allowed_a + zero.unsure_a),
-                met: format!("{:+.3} A: adjust wiring.command_offset", zero.amps),
+                expected: format!(
+                    "less than {:.3} A by the scope",
+                    (allowed_a + zero.unsure_a).0
+                ),
+                met: format!("{:+.3} A: adjust wiring.command_offset", zero.amps.0),
             });
         }
         self.rig.command(step_a).await?;
         self.rig.wait_watching(SETTLE_S, "idle", fixture).await?;
         let stepped = self.level(fixture, points).await;
         // Whatever was measured, the step ends here.
-        self.rig.command(0.0).await?;
+        self.rig.command(Amps::ZERO).await?;
         self.rig.wait_watching(SETTLE_S, "idle", fixture).await?;
         let moved_a = stepped?.amps - zero.amps;
         followed(step_a, moved_a)?;
         let text = format!(
-            "bipolar supply (analog): {step_a:+.3} A commanded, {moved_a:+.4} A measured by the \
+            "bipolar supply (analog): {step_a:+.3} commanded, {moved_a:+.4} measured by the \
             scope; {:+.3} A ± {:.3} A at the command of zero",
-            zero.amps, zero.unsure_a
+            zero.amps.0, zero.unsure_a.0
         );
         self.rig.recorder.event(Event::Bench, &text)?;
         self.direct.analog_zero = Some(zero);
@@ -105,8 +111,8 @@ impl Executor<'_> {
         }
         Err(ExecuteError::Disobeyed {
             what: "analog supply after its command returned to zero".to_owned(),
-            expected: format!("less than {NO_CURRENT_A} A by the scope"),
-            met: format!("{left_a:+.3} A: switch it off at its panel"),
+            expected: format!("less than {NO_CURRENT_A} by the scope"),
+            met: format!("{left_a:+.3}: switch it off at its panel"),
         })
     }
 
@@ -114,27 +120,27 @@ impl Executor<'_> {
     async fn level(&mut self, fixture: Fixture, points: u64) -> Result<Level, ExecuteError> {
         let scope = require(&mut self.rig.bench.instruments.scope, "scope")?.capabilities();
         if self.scope.verticals[0].is_none() {
-            self.first_ranges(fixture, 1.0, &scope).await?;
+            self.first_ranges(fixture, Amps(1.0), &scope).await?;
         }
         let waveforms = self.record_steady(fixture, points).await?;
         let [below, above, ..] = waveforms.as_slice() else {
             return Err(ExecuteError::Signal {
-                freq_hz: 0.0,
+                freq_hz: Hertz::ZERO,
                 reason: "not four channels".to_owned(),
             });
         };
         let unsure_v = self.rig.offset_error_v(below) + self.rig.offset_error_v(above);
         let r_ohm = self.rig.setup.wiring.shunt.r_ohm;
         Ok(Level {
-            amps: mean(&difference(above, below)) / r_ohm,
-            unsure_a: unsure_v / r_ohm,
+            amps: Amps(mean(&difference(above, below)) / r_ohm),
+            unsure_a: unsure_v / Ohms(r_ohm),
         })
     }
 }
 
 /// Checks that the current followed a step of the command, and names the likely mistake if it did
 /// not.
-fn followed(step_a: f64, moved_a: f64) -> Result<(), ExecuteError> {
+fn followed(step_a: Amps, moved_a: Amps) -> Result<(), ExecuteError> {
     let ratio = moved_a / step_a;
     if (ratio - 1.0).abs() <= FOLLOWS {
         return Ok(());
@@ -151,11 +157,8 @@ fn followed(step_a: f64, moved_a: f64) -> Result<(), ExecuteError> {
     };
     Err(ExecuteError::Disobeyed {
         what: "analog supply, a step of its command".to_owned(),
-        expected: format!(
-            "{step_a:+.3} A by the scope, within {:.0} %",
-            100.0 * FOLLOWS
-        ),
-        met: format!("{moved_a:+.4} A: {hint}"),
+        expected: format!("{step_a:+.3} by the scope, within {:.0} %", 100.0 * FOLLOWS),
+        met: format!("{moved_a:+.4}: {hint}"),
     })
 }
 
@@ -165,13 +168,16 @@ mod tests {
 
     #[test]
     fn a_step_that_is_not_followed_names_the_likely_mistake() {
-        let met = |moved_a: f64| {
-            followed(0.25, moved_a).map_err(|error| match error {
+        let met = |moved_a: Amps| {
+            followed(Amps(0.25), moved_a).map_err(|error| match error {
                 ExecuteError::Disobeyed { met, .. } => met,
                 other => other.to_string(),
             })
         };
-        assert_eq!([met(0.25), met(0.19), met(0.31)], [Ok(()), Ok(()), Ok(())]);
+        assert_eq!(
+            [met(Amps(0.25)), met(Amps(0.19)), met(Amps(0.31))],
+            [Ok(()), Ok(()), Ok(())]
+        );
         for (moved_a, hint) in [
             (
                 -0.25,
@@ -188,7 +194,7 @@ mod tests {
             ),
             (f64::NAN, "+NaN A: "),
         ] {
-            let text = met(moved_a).unwrap_err();
+            let text = met(Amps(moved_a)).unwrap_err();
             assert!(text.contains(hint) || moved_a.is_nan(), "{moved_a}: {text}");
         }
     }

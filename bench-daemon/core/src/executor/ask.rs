@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-use instruments::{clock::TimeMode, fixture::Fixture};
+use instruments::{clock::TimeMode, fixture::Fixture, units::Seconds};
 use tokio::task::JoinHandle;
 
 use super::{ExecuteError, Executor, Rig, analog::BY_HAND, handle_request::PAUSE_POLL_S, require};
 use crate::{
+    clock::TypedClock,
     journal::Entry,
     operator::{
         Operator, OperatorError,
@@ -17,7 +18,7 @@ use crate::{
 use bench_plan::interlock::Reading;
 
 /// Seconds between two checks for the answer and for a stop request.
-const PERSON_POLL_S: f64 = 1.0;
+const PERSON_POLL_S: Seconds = Seconds(1.0);
 /// Phase name of readings that are taken while waiting for a person.
 const ASKING: &str = "asking";
 
@@ -74,14 +75,14 @@ impl Rig<'_> {
     ) -> Result<Answer, ExecuteError> {
         let mut asked = Waits(asked);
         if self.clock.mode() != TimeMode::Virtual {
-            let mut watched_s = f64::NEG_INFINITY;
+            let mut watched_s = Seconds::NEG_INFINITY;
             while !asked.0.is_finished() {
                 self.handle_abort()?;
-                if self.clock.now_s() - watched_s >= PAUSE_POLL_S {
+                if self.clock.now() - watched_s >= PAUSE_POLL_S {
                     self.watch_open().await?;
-                    watched_s = self.clock.now_s();
+                    watched_s = self.clock.now();
                 }
-                self.clock.sleep_s(PERSON_POLL_S).await;
+                self.clock.sleep_for(PERSON_POLL_S).await;
             }
         }
         let _person = self.clock.wait(None);
@@ -99,12 +100,12 @@ impl Rig<'_> {
                 .await
                 .map_err(error)?;
             let reading = Reading {
-                time_s: self.clock.now_s(),
-                current_a: Some(amps.value()),
+                time_s: self.clock.now(),
+                current_a: Some(amps),
                 ..Reading::default()
             };
             self.recorder.reading(ASKING, &reading)?;
-            self.no_current("current of the bipolar supply", amps.value())?;
+            self.no_current("current of the bipolar supply", amps)?;
         }
         self.others_off(&["supply4q"]).await?;
         self.regulate().await?;

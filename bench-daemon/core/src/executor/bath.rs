@@ -1,23 +1,28 @@
 //! Reads and judges the bath of the cell by its own sensor, and compares the cell's thermometer with
 //! it.
 
-use instruments::link::LinkError;
+use instruments::{
+    link::LinkError,
+    units::{Celsius, Kelvins},
+};
 
 use super::{ExecuteError, Rig};
 use bench_plan::interlock::{BathReading, ThermometerReadings};
 
+use crate::clock::TypedClock;
+
 /// Greatest difference by which a cell that carries no current for long may be colder than the
 /// bath, because of heat that its mounting conducts, K.
-const COLDER_K: f64 = 10.0;
+const COLDER_K: Kelvins = Kelvins(10.0);
 /// Allowed warming of a cell under a periodic current, K. It is half of the distance from 20 °C to
 /// 60 °C, above which cells must not be discharged. Under a large direct current the cell may warm
 /// by the whole distance.
-const WARMER_K: f64 = 20.0;
+const WARMER_K: Kelvins = Kelvins(20.0);
 
 impl Rig<'_> {
     /// Reads the own sensor of a bath that this run has started, records the reading and judges it.
     /// Returns `None` if no bath was started, or if the sensor gives no temperature.
-    pub(super) async fn watch_bath(&mut self) -> Result<Option<f64>, ExecuteError> {
+    pub(super) async fn watch_bath(&mut self) -> Result<Option<Celsius>, ExecuteError> {
         let error = self.bench.error("chiller");
         let Some(chiller) = self
             .bench
@@ -29,7 +34,7 @@ impl Rig<'_> {
             return Ok(None);
         };
         let sensor_degc = match chiller.temperature().await {
-            Ok(celsius) => Some(celsius.value()),
+            Ok(celsius) => Some(celsius),
             Err(LinkError::Unexpected { .. }) => None,
             Err(failed) => return Err(error(failed).into()),
         };
@@ -43,7 +48,7 @@ impl Rig<'_> {
     }
 
     /// Judges a reading of the bath's own sensor, °C.
-    pub(super) fn judge_bath(&mut self, sensor_degc: Option<f64>) -> Result<(), ExecuteError> {
+    pub(super) fn judge_bath(&mut self, sensor_degc: Option<Celsius>) -> Result<(), ExecuteError> {
         let Some(setpoint_degc) = self.temperatures.setpoint_degc else {
             return Ok(());
         };
@@ -51,7 +56,7 @@ impl Rig<'_> {
             sensor_degc,
             setpoint_degc,
         };
-        match self.interlock.judge_bath(reading, self.clock.now_s()) {
+        match self.interlock.judge_bath(reading, self.clock.now()) {
             Some(trip) => Err(trip.into()),
             None => Ok(()),
         }
@@ -61,7 +66,7 @@ impl Rig<'_> {
     /// has about the same temperature. The two are not compared while nothing can flow or the
     /// temperature is to change. A bath whose loop the daemon closes is then read by
     /// [`Self::regulate`]. Returns the reading of the bath's sensor, °C.
-    pub(super) async fn cross_check_bath(&mut self) -> Result<Option<f64>, ExecuteError> {
+    pub(super) async fn cross_check_bath(&mut self) -> Result<Option<Celsius>, ExecuteError> {
         let judged = self.interlock.is_live() && !self.interlock.tempering();
         let cell_degc = self
             .temperatures
@@ -82,36 +87,40 @@ impl Rig<'_> {
         &mut self,
         readings: ThermometerReadings,
     ) -> Result<(), ExecuteError> {
-        let now_s = self.clock.now_s();
+        let now_s = self.clock.now();
         match self.interlock.judge_thermometers(readings, now_s) {
             Some(trip) => Err(trip.into()),
             None => Ok(()),
         }
     }
 
-    fn compare_with_bath(&self, cell_degc: f64, bath_degc: f64) -> Result<(), ExecuteError> {
+    fn compare_with_bath(
+        &self,
+        cell_degc: Celsius,
+        bath_degc: Celsius,
+    ) -> Result<(), ExecuteError> {
         let warmer_k = if self.interlock.allowed_mean().is_some() {
             WARMER_K
         } else {
-            f64::INFINITY
+            Kelvins::INFINITY
         };
         if (-COLDER_K..=warmer_k).contains(&(cell_degc - bath_degc)) {
             return Ok(());
         }
         Err(ExecuteError::Disagree {
             what: "temperature",
-            one: format!("thermocouple on the cell {cell_degc:.2} °C"),
+            one: format!("thermocouple on the cell {cell_degc:.2}"),
             other: match self.temperatures.setpoint_degc {
                 Some(setpoint_degc) => {
-                    format!("bath {bath_degc:.2} °C (set to {setpoint_degc:.1} °C)")
+                    format!("bath {bath_degc:.2} (set to {setpoint_degc:.1})")
                 }
-                None => format!("bath {bath_degc:.2} °C"),
+                None => format!("bath {bath_degc:.2}"),
             },
             allowed: match warmer_k.is_finite() {
-                true => format!(
-                    "{warmer_k} K where the cell is warmer, {COLDER_K} K where it is colder"
-                ),
-                false => format!("{COLDER_K} K where the cell is colder"),
+                true => {
+                    format!("{warmer_k} where the cell is warmer, {COLDER_K} where it is colder")
+                }
+                false => format!("{COLDER_K} where the cell is colder"),
             },
         })
     }

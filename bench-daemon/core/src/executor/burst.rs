@@ -4,14 +4,19 @@
 
 mod state;
 
-use instruments::link::LinkError;
+use instruments::{
+    link::LinkError,
+    units::{Hertz, Seconds},
+};
 
 use super::{ExecuteError, Rig, require};
+
+use crate::clock::TypedClock;
 pub(super) use state::Burst;
 
 /// Time after which a supply follows its command and its reading shows it, s; the clocks of a
 /// burst of one hour differ by less.
-const FADES_S: f64 = 1.0;
+const FADES_S: Seconds = Seconds(1.0);
 /// Factor by which a burst that was too short is lengthened.
 const LONGER: f64 = 2.0;
 /// How often a burst is lengthened for one point.
@@ -22,8 +27,8 @@ impl Rig<'_> {
     /// the leeway, if the generator has bursts.
     pub(super) async fn begin_signal(
         &mut self,
-        freq_hz: f64,
-        needed_s: f64,
+        freq_hz: Hertz,
+        needed_s: Seconds,
     ) -> Result<(), ExecuteError> {
         self.begin_periods(
             freq_hz,
@@ -35,7 +40,7 @@ impl Rig<'_> {
     /// Starts a burst of this number of periods.
     pub(super) async fn begin_periods(
         &mut self,
-        freq_hz: f64,
+        freq_hz: Hertz,
         wanted: f64,
     ) -> Result<(), ExecuteError> {
         let error = self.bench.error("generator");
@@ -45,8 +50,9 @@ impl Rig<'_> {
             wiring.bursts && !self.driving.burst.refused && wanted <= f64::from(*most)
         });
         let periods = most.map(|_| wanted as u32);
-        let begun_s = self.clock.now_s();
-        (self.driving.burst.ends_s, self.driving.burst.ended_s) = (f64::INFINITY, f64::INFINITY);
+        let begun_s = self.clock.now();
+        (self.driving.burst.ends_s, self.driving.burst.ended_s) =
+            (Seconds::INFINITY, Seconds::INFINITY);
         // The burst begins at its own phase, independently of the previous one.
         self.interlock.lose_period();
         if periods.is_none() && !self.driving.burst.on {
@@ -75,7 +81,7 @@ impl Rig<'_> {
         if let Some(periods) = periods {
             let lasts_s = f64::from(periods) / freq_hz;
             (self.driving.burst.ends_s, self.driving.burst.ended_s) =
-                (begun_s + lasts_s, self.clock.now_s() + lasts_s + FADES_S);
+                (begun_s + lasts_s, self.clock.now() + lasts_s + FADES_S);
         }
         Ok(())
     }
@@ -98,15 +104,15 @@ impl Rig<'_> {
             self.driving.burst.on,
             self.driving.burst.ends_s,
             self.driving.burst.ended_s,
-        ) = (false, f64::INFINITY, f64::INFINITY);
+        ) = (false, Seconds::INFINITY, Seconds::INFINITY);
     }
 
     /// Checks whether a record that ends at `end_s` would miss a part of the signal. If so, the
     /// next burst is lengthened.
-    pub(super) fn falls_short(&mut self, end_s: f64) -> bool {
+    pub(super) fn falls_short(&mut self, end_s: Seconds) -> bool {
         let short = end_s > self.driving.burst.ends_s;
         if short {
-            self.driving.burst.leeway_s *= LONGER;
+            self.driving.burst.leeway_s = LONGER * self.driving.burst.leeway_s;
         }
         short
     }
@@ -116,12 +122,13 @@ impl Rig<'_> {
 mod tests {
     use super::*;
     use bench_plan::interlock::Reading;
+    use instruments::units::Amps;
 
     #[test]
     fn a_current_behind_the_end_of_a_burst_is_an_error_and_before_it_is_none() {
         let burst = Burst {
-            ends_s: 100.0,
-            ended_s: 101.0,
+            ends_s: Seconds(100.0),
+            ended_s: Seconds(101.0),
             on: true,
             ..Burst::default()
         };
@@ -137,17 +144,26 @@ mod tests {
                 )
                 .map_err(|error| error.to_string())
         };
-        let read = |burst: &Burst, time_s, amps| under(burst, time_s, amps, 0.0);
+        let read = |burst: &Burst, time_s, amps| under(burst, time_s, amps, Amps(0.0));
         for (time_s, amps) in [(100.5, Some(1.0)), (103.5, Some(-0.25)), (103.5, None)] {
-            assert_eq!(read(&burst, time_s, amps), Ok(()));
+            assert_eq!(read(&burst, Seconds(time_s), amps.map(Amps)), Ok(()));
         }
         let text = "generator: expected its burst to have ended 2.5 s ago, measured -0.500 A";
-        assert_eq!(read(&burst, 103.5, Some(-0.5)), Err(text.to_owned()));
+        assert_eq!(
+            read(&burst, Seconds(103.5), Some(Amps(-0.5))),
+            Err(text.to_owned())
+        );
         // The burst stays at a direct current of 5 A: its end is no end of the current.
-        assert_eq!(under(&burst, 103.5, Some(5.2), 5.0), Ok(()));
-        assert!(under(&burst, 103.5, Some(6.0), 5.0).is_err());
-        assert!(under(&burst, 103.5, Some(0.0), 5.0).is_err());
+        assert_eq!(
+            under(&burst, Seconds(103.5), Some(Amps(5.2)), Amps(5.0)),
+            Ok(())
+        );
+        assert!(under(&burst, Seconds(103.5), Some(Amps(6.0)), Amps(5.0)).is_err());
+        assert!(under(&burst, Seconds(103.5), Some(Amps(0.0)), Amps(5.0)).is_err());
         // A signal without an end is not over.
-        assert_eq!(read(&Burst::default(), 103.5, Some(1.0)), Ok(()));
+        assert_eq!(
+            read(&Burst::default(), Seconds(103.5), Some(Amps(1.0))),
+            Ok(())
+        );
     }
 }

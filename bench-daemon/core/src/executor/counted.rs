@@ -1,7 +1,9 @@
 //! The charge that a map counts: what each part of it moves, and its record in the journal.
 
+use instruments::units::Coulombs;
+
 use super::{ExecuteError, Executor, state::Residual};
-use crate::{journal::Entry, record::RecordError};
+use crate::{clock::TypedClock, journal::Entry, record::RecordError};
 use bench_plan::plan::MapPoint;
 
 impl Executor<'_> {
@@ -17,7 +19,7 @@ impl Executor<'_> {
     }
 
     /// Notes that a discharge has ended at its voltage before the charge of the point.
-    pub(super) fn note_short(&mut self, below_full_coulomb: f64) {
+    pub(super) fn note_short(&mut self, below_full_coulomb: Coulombs) {
         let short_coulomb = below_full_coulomb + self.direct.charge_coulomb;
         let Some(point) = self
             .point()
@@ -26,9 +28,9 @@ impl Executor<'_> {
             return;
         };
         let text = format!(
-            "the discharge ended at its voltage, {short_coulomb:.0} C before the {:.0} C of the \
+            "the discharge ended at its voltage, {short_coulomb:.0} before the {:.0} C of the \
             point: it is measured at a higher charge",
-            point.below_full_coulomb
+            point.below_full_coulomb.0
         );
         let text = self.of_run(&text);
         self.rig.recorder.warning(&text);
@@ -47,7 +49,7 @@ impl Executor<'_> {
         let mean_a = self.rig.mean_of_supply(first_a).await?;
         self.direct.residual = Some(Residual {
             current_a: mean_a - self.direct.ammeter_zero_a,
-            since_s: self.rig.clock.now_s(),
+            since_s: self.rig.clock.now(),
         });
         Ok(())
     }
@@ -57,7 +59,7 @@ impl Executor<'_> {
         let Some(residual) = self.direct.residual.take() else {
             return Ok(());
         };
-        let span_s = self.rig.clock.now_s() - residual.since_s;
+        let span_s = self.rig.clock.now() - residual.since_s;
         self.direct.charge_coulomb += residual.current_a * span_s;
         self.journal_charge()
     }

@@ -1,7 +1,11 @@
 //! Checks the effect of a fast current on the cell between two readings. Meters average over the
 //! crests, so the crests are checked before the signal starts and in its record.
 
-use instruments::{fixture::Fixture, scope::Waveform};
+use instruments::{
+    fixture::Fixture,
+    scope::Waveform,
+    units::{Amps, Hertz, Ohms, Volts},
+};
 
 use super::{ExecuteError, Executor, Rig, rig::FirstMean, watch::drawn};
 use bench_plan::{
@@ -9,17 +13,19 @@ use bench_plan::{
     measure::zero::{SINCE_ZERO, allowed_since_zero_a},
 };
 
+use crate::clock::TypedClock;
+
 /// Greatest impedance of a cell for which this bench is made, at any frequency of a sweep, Ω. The
 /// record shows the actual value a moment later.
-const MOST_OHM: f64 = 0.025;
+const MOST_OHM: Ohms = Ohms(0.025);
 /// Margin of a crest for noise and gain errors of the channels, V.
-const MARGIN_V: f64 = 0.02;
+const MARGIN_V: Volts = Volts(0.02);
 /// Least correlation of neighbouring samples of a signal.
 const SMOOTH: f64 = 0.5;
 /// Offset error of a channel, as a share of its range, and V (data sheets of 12-bit scopes: 0.5 %
 /// to 1 %, and 1 mV).
 const OFFSET_SHARE: f64 = 0.01;
-const OFFSET_V: f64 = 1.0e-3;
+const OFFSET_V: Volts = Volts(1.0e-3);
 /// Gain error of a scope's offset, by which the cell's voltage is brought to the centre (data
 /// sheets of 12-bit scopes: 1 % to 1.5 %).
 pub(super) const OFFSET_GAIN: f64 = 0.015;
@@ -36,9 +42,9 @@ const PERIOD_SLACK: f64 = 2.0e-3;
 pub(super) struct Drawn<'w> {
     pub(super) waveforms: &'w [Waveform; 4],
     /// Lowest frequency in it, Hz.
-    pub(super) freq_hz: f64,
+    pub(super) freq_hz: Hertz,
     /// Peak of the current, A.
-    pub(super) amplitude_a: f64,
+    pub(super) amplitude_a: Amps,
 }
 
 impl Rig<'_> {
@@ -58,19 +64,20 @@ impl Rig<'_> {
         } = *asked;
         let [below, above, low, high] = waveforms;
         let current = difference(above, below);
-        let mean_a = mean(whole_periods(&current, below.interval_s * freq_hz))
-            / self.setup.wiring.shunt.r_ohm;
-        let mut unsure_v: f64 = [below, above]
+        let mean_v = mean(whole_periods(&current, below.interval_s * freq_hz.value()));
+        let r_ohm = Ohms(self.setup.wiring.shunt.r_ohm);
+        let mean_a = Volts(mean_v) / r_ohm;
+        let mut unsure_v: Volts = [below, above]
             .iter()
             .map(|waveform| self.offset_error_v(waveform))
             .sum();
         let biased = self.driving.bias.is_on();
         if biased {
             let offset_v = |waveform: &Waveform| waveform.preamble.offset_v.abs();
-            unsure_v += OFFSET_GAIN * (offset_v(below) + offset_v(above));
+            unsure_v += Volts(OFFSET_GAIN * (offset_v(below) + offset_v(above)));
         }
-        let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.setup.wiring.shunt.r_ohm;
-        let time_s = self.clock.now_s();
+        let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / r_ohm;
+        let time_s = self.clock.now();
         let volts_per_div = [below, above].map(|waveform| waveform.preamble.volts_per_div);
         // On new scales the zeros of the channels differ: carry over the change of the mean up to
         // now.
@@ -87,20 +94,18 @@ impl Rig<'_> {
         let clips = [below, above]
             .into_iter()
             .any(|waveform| waveform.clipped_share() > 0.0);
-        let r_ohm = self.setup.wiring.shunt.r_ohm;
         let crest_a = if clips || !smooth(&current) {
-            0.0
+            Amps::ZERO
         } else {
-            within(&current, mean_a * r_ohm) / r_ohm
+            Volts(within(&current, (mean_a * r_ohm).value())) / r_ohm
         };
-        let crest = (crest_a > drawn(amplitude_a) + unsure_v / self.setup.wiring.shunt.r_ohm)
-            .then_some((
-                "crest of the cell current in a record",
-                crest_a,
-                drawn(amplitude_a),
-            ));
+        let crest = (crest_a > drawn(amplitude_a) + unsure_v / r_ohm).then_some((
+            "crest of the cell current in a record",
+            crest_a,
+            drawn(amplitude_a),
+        ));
         let balance = Balance {
-            mean_a,
+            mean_a: mean_a,
             expected_a: self.driving.bias.met.base_a,
             greatest_a: greatest,
             first,
@@ -110,14 +115,7 @@ impl Rig<'_> {
             if !smooth(&current) {
                 return Err(self.no_record("of the current"));
             }
-            let trip = Trip::Limit {
-                what,
-                value,
-                unit: "A",
-                least: -greatest,
-                greatest,
-                time_s,
-            };
+            let trip = Trip::limit(what, value, &(-greatest..=greatest), time_s);
             return Err(trip.because(self.cause().await).into());
         }
         self.driving.mean_change_a = mean_a - first.zero_a;
@@ -136,11 +134,10 @@ impl Rig<'_> {
         // The scope may be wrong: the voltmeter shows the voltage of the cell between the crests.
         let most_a = amplitude_a + self.driving.bias.commanded_a.abs();
         let agreed = self.cross_check_scope(waveforms, most_a * MOST_OHM);
-        let (least_v, greatest_v) = cell
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| {
-                (least.min(*v), most.max(*v))
-            });
+        let (least_v, greatest_v) = cell.iter().map(|v| Volts(*v)).fold(
+            (Volts::INFINITY, Volts::NEG_INFINITY),
+            |(least, most), v| (least.min(v), most.max(v)),
+        );
         let limits = &self.setup.limits;
         let (least, greatest) = (limits.min_v, limits.max_v);
         let beyond = [
@@ -155,15 +152,8 @@ impl Rig<'_> {
         let Some((value, _)) = beyond else {
             return Ok(());
         };
-        Err(Trip::Limit {
-            what: "cell voltage at the crest of a record",
-            value,
-            unit: "V",
-            least,
-            greatest,
-            time_s,
-        }
-        .into())
+        let what = "cell voltage at the crest of a record";
+        Err(Trip::limit(what, value, &(least..=greatest), time_s).into())
     }
 
     fn no_record(&self, of: &str) -> ExecuteError {
@@ -180,14 +170,14 @@ impl Rig<'_> {
 
     /// Returns the possible offset error of a channel, V: one per cent of its range, and a
     /// millivolt.
-    pub(super) fn offset_error_v(&self, waveform: &Waveform) -> f64 {
+    pub(super) fn offset_error_v(&self, waveform: &Waveform) -> Volts {
         let half_range_div = self
             .bench
             .instruments
             .scope
             .as_ref()
             .map_or(4.0, |scope| scope.capabilities().half_range_div);
-        OFFSET_SHARE * 2.0 * half_range_div * waveform.preamble.volts_per_div + OFFSET_V
+        Volts(OFFSET_SHARE * 2.0 * half_range_div * waveform.preamble.volts_per_div) + OFFSET_V
     }
 }
 
@@ -197,8 +187,8 @@ impl Executor<'_> {
     pub(super) fn headroom(
         &self,
         fixture: Fixture,
-        freq_hz: f64,
-        peak_a: f64,
+        freq_hz: Hertz,
+        peak_a: Amps,
     ) -> Result<(), ExecuteError> {
         if self.rig.driving.bias.is_on() {
             // The ramp was refused unless every crest about the direct current is allowed.
@@ -218,9 +208,9 @@ impl Executor<'_> {
             return Ok(());
         }
         let reason = format!(
-            "expected crests within {} V to {} V, found up to {least_v:.3} V to {greatest_v:.3} V \
-            for {peak_a} A at a cell of {rest_v:.3} V",
-            limits.min_v, limits.max_v
+            "expected crests within {} V to {} V, found up to {least_v:.3} to {greatest_v:.3} \
+            for {peak_a} at a cell of {rest_v:.3}",
+            limits.min_v.0, limits.max_v.0
         );
         Err(ExecuteError::Signal { freq_hz, reason })
     }
@@ -228,15 +218,15 @@ impl Executor<'_> {
 
 /// The mean of the current in a record, and its limits.
 struct Balance {
-    mean_a: f64,
+    mean_a: Amps,
     /// Direct current under the sinusoid, A.
-    expected_a: f64,
+    expected_a: Amps,
     /// Greatest allowed distance of the mean from it, A.
-    greatest_a: f64,
+    greatest_a: Amps,
     /// The mean of the first record on the same scales.
     first: FirstMean,
     /// Requested amplitude, A.
-    amplitude_a: f64,
+    amplitude_a: Amps,
 }
 
 impl Balance {
@@ -246,7 +236,7 @@ impl Balance {
     /// shown that nothing flowed before the first: a change may be as large as one of the two
     /// allowances for the mean, not as their sum. Records are some seconds apart, and a drift
     /// continues between them.
-    fn direct(&self) -> Option<(&'static str, f64, f64)> {
+    fn direct(&self) -> Option<(&'static str, Amps, Amps)> {
         let change = (
             "change of the mean of the cell current from record to record",
             self.mean_a - self.first.zero_a,
@@ -351,38 +341,42 @@ mod tests {
             Balance {
                 mean_a,
                 expected_a,
-                greatest_a: 0.7,
+                greatest_a: Amps(0.7),
                 first: FirstMean {
                     volts_per_div: [0.02; 2],
                     zero_a,
                     channels_a: None,
                 },
-                amplitude_a: 1.0,
+                amplitude_a: Amps(1.0),
             }
             .direct()
             .map(|(what, ..)| what.split(' ').next().unwrap_or_default())
         };
-        let what = |mean_a, zero_a| under(0.0, mean_a, zero_a);
+        let what = |mean_a, zero_a| under(Amps(0.0), mean_a, zero_a);
         // A direct current that is commanded is expected; beside it the same limits hold.
         assert_eq!(
             [
-                under(5.0, 5.5, 5.5),
-                under(5.0, 5.71, 5.71),
-                under(5.0, 0.0, 0.0)
+                under(Amps(5.0), Amps(5.5), Amps(5.5)),
+                under(Amps(5.0), Amps(5.71), Amps(5.71)),
+                under(Amps(5.0), Amps(0.0), Amps(0.0))
             ],
             [None, Some("mean"), Some("mean")]
         );
         // The zeros of the channels may correspond to half an ampere.
         assert_eq!(
-            [what(0.5, 0.5), what(0.5, 0.45), what(-0.5, -0.41)],
+            [
+                what(Amps(0.5), Amps(0.5)),
+                what(Amps(0.5), Amps(0.45)),
+                what(Amps(-0.5), Amps(-0.41))
+            ],
             [None, None, None]
         );
         assert_eq!(
-            [what(0.71, 0.71), what(-0.71, -0.7)],
+            [what(Amps(0.71), Amps(0.71)), what(Amps(-0.71), Amps(-0.7))],
             [Some("mean"), Some("mean")]
         );
         assert_eq!(
-            [what(0.5, 0.39), what(-0.1, 0.01)],
+            [what(Amps(0.5), Amps(0.39)), what(Amps(-0.1), Amps(0.01))],
             [Some("change"), Some("change")]
         );
     }

@@ -2,7 +2,10 @@
 //! terminals, supply ammeter and shunt. A meter whose value does not change although its noise
 //! would change it counts as broken.
 
-use instruments::scope::Waveform;
+use instruments::{
+    scope::Waveform,
+    units::{Amps, Ohms, Volts},
+};
 
 use super::{
     ExecuteError, Rig,
@@ -12,10 +15,10 @@ use bench_plan::interlock::{NO_CURRENT_A, Quantity, Stuck};
 
 /// Offset and noise of a DC voltmeter at a cell, V, and its gain error (bench loads and
 /// supplies: 0.05 % and 0.02 % of the range of 36 V, and more for their leads).
-const VOLTMETER_V: f64 = 0.02;
+const VOLTMETER_V: Volts = Volts(0.02);
 const VOLTMETER_GAIN: f64 = 0.005;
 /// Leads of a charger without sense leads, Ω: 2 m of 1.5 mm², two contacts and a fuse.
-const LEADS_OHM: f64 = 0.1;
+const LEADS_OHM: Ohms = Ohms(0.1);
 /// How far the effective value by the supply's readings may be from that by the shunt, as a share:
 /// readings a second apart of a period of five.
 const EFFECTIVE: f64 = 0.3;
@@ -34,7 +37,7 @@ impl Rig<'_> {
         let (what, meter, value, other) = match quantity {
             Quantity::Temperature => {
                 let bath_degc = self.watch_bath().await.ok().flatten();
-                let bath = bath_degc.map(|celsius| format!("; the bath is at {celsius:.2} °C"));
+                let bath = bath_degc.map(|celsius| format!("; the bath is at {celsius:.2}"));
                 (
                     "cell temperature",
                     "the logger",
@@ -48,7 +51,7 @@ impl Rig<'_> {
                     "cell voltage",
                     meter,
                     format!("{value} V"),
-                    other.map(|(name, volts)| format!("; {name} shows {volts:.3} V")),
+                    other.map(|(name, volts)| format!("; {name} shows {volts:.3}")),
                 )
             }
             Quantity::Current => ("cell current", "its meter", format!("{value} A"), None),
@@ -63,12 +66,12 @@ impl Rig<'_> {
     }
 
     /// Returns the role whose voltmeter is in use, and the reading of another one.
-    async fn other_volts(&mut self) -> (&'static str, Option<(&'static str, f64)>) {
+    async fn other_volts(&mut self) -> (&'static str, Option<(&'static str, Volts)>) {
         let Some(supply) = self.bench.instruments.supply4q.as_mut() else {
             return ("the load", None);
         };
         // The message is more useful than a second error.
-        let shown = supply.measure().await.ok().map(|(volts, _)| volts.value());
+        let shown = supply.measure().await.ok().map(|(volts, _)| volts);
         if self.bench.instruments.load.is_some() {
             ("the load", shown.map(|volts| ("the bipolar supply", volts)))
         } else {
@@ -80,16 +83,16 @@ impl Rig<'_> {
     pub(super) fn cross_check_scope(
         &self,
         [_, _, low, high]: &[Waveform; 4],
-        amplitude_v: f64,
+        amplitude_v: Volts,
     ) -> Result<(), ExecuteError> {
         let Some(shown_v) = self.watching.shown_v else {
             return Ok(());
         };
-        let offsets_v: f64 = [low, high]
+        let offsets_v: Volts = [low, high]
             .iter()
-            .map(|waveform| OFFSET_GAIN * waveform.preamble.offset_v.abs())
+            .map(|waveform| Volts(OFFSET_GAIN * waveform.preamble.offset_v.abs()))
             .sum();
-        let scope_v = mean(&difference(high, low));
+        let scope_v = Volts(mean(&difference(high, low)));
         let meter_v = VOLTMETER_V + VOLTMETER_GAIN * shown_v.abs();
         let allowed_v = meter_v
             + offsets_v
@@ -101,9 +104,9 @@ impl Rig<'_> {
         }
         Err(ExecuteError::Disagree {
             what: "cell voltage",
-            one: format!("mean of the scope's record {scope_v:.3} V"),
-            other: format!("voltmeter {shown_v:.3} V"),
-            allowed: format!("{allowed_v:.3} V"),
+            one: format!("mean of the scope's record {scope_v:.3}"),
+            other: format!("voltmeter {shown_v:.3}"),
+            allowed: format!("{allowed_v:.3}"),
         })
     }
 
@@ -111,20 +114,19 @@ impl Rig<'_> {
     /// drop of its leads.
     pub(super) fn cross_check_charger(
         &self,
-        terminal_v: f64,
-        cell_v: f64,
-        amps: f64,
+        terminal_v: Volts,
+        cell_v: Volts,
+        amps: Amps,
     ) -> Result<(), ExecuteError> {
         let meters_v = 2.0 * (VOLTMETER_V + VOLTMETER_GAIN * cell_v.abs());
         let (drop_v, half_v) = (0.5 * LEADS_OHM * amps.abs(), 0.5 * LEADS_OHM * amps.abs());
         if (terminal_v - cell_v - drop_v).abs() <= half_v + meters_v {
             return Ok(());
         }
-        let allowed =
-            format!("{meters_v:.3} V, and what {amps:.2} A drop in {LEADS_OHM} Ω of leads");
+        let allowed = format!("{meters_v:.3}, and what {amps:.2} drop in {LEADS_OHM} of leads");
         let (one, other) = (
-            format!("charger's terminals {terminal_v:.3} V"),
-            format!("voltmeter {cell_v:.3} V"),
+            format!("charger's terminals {terminal_v:.3}"),
+            format!("voltmeter {cell_v:.3}"),
         );
         Err(ExecuteError::Disagree {
             what: "cell voltage",
@@ -138,8 +140,8 @@ impl Rig<'_> {
     /// it, with the amplitude in the record.
     pub(super) fn cross_check_supply(
         &self,
-        supply_a: Option<f64>,
-        amplitude_a: f64,
+        supply_a: Option<Amps>,
+        amplitude_a: Amps,
     ) -> Result<(), ExecuteError> {
         let Some(supply_a) = supply_a else {
             return Ok(());
@@ -150,14 +152,14 @@ impl Rig<'_> {
             return Ok(());
         }
         let (one, other) = (
-            format!("shunt {shunt_a:.3} A effective"),
-            format!("bipolar supply's own readings {supply_a:.3} A"),
+            format!("shunt {shunt_a:.3} effective"),
+            format!("bipolar supply's own readings {supply_a:.3}"),
         );
         Err(ExecuteError::Disagree {
             what: "current",
             one,
             other,
-            allowed: format!("{allowed:.3} A"),
+            allowed: format!("{allowed:.3}"),
         })
     }
 }

@@ -6,7 +6,7 @@ use instruments::{
     fixture::Fixture,
     load::{Discharge, Draw},
     supply::Charge,
-    units::{Amps, Celsius, Volts},
+    units::{Amps, Celsius, Seconds, Volts},
 };
 
 use super::{
@@ -14,6 +14,7 @@ use super::{
     watch::{CHARGER_CURRENT, LOAD_CURRENT},
 };
 use crate::{
+    clock::TypedClock,
     executor::thermostat::Thermostat,
     journal::{Note, NoteKind},
     record::Event,
@@ -25,19 +26,19 @@ use bench_plan::{
 };
 
 /// Seconds between two readings while nothing flows.
-const REST_POLL_S: f64 = 10.0;
+const REST_POLL_S: Seconds = Seconds(10.0);
 /// Time span from which the slope of a resting cell is determined, s.
-const SLOPE_SPAN_S: f64 = 120.0;
+const SLOPE_SPAN_S: Seconds = Seconds(120.0);
 /// The cell must stay within its band for this long, s.
-const STEADY_S: f64 = 60.0;
+const STEADY_S: Seconds = Seconds(60.0);
 /// Number of readings after which a current must have risen.
 pub(super) const RISE_POLLS: u32 = 3;
 
 /// Greatest shift of the end of a charge, V.
-const GREATEST_SHIFT_V: f64 = 0.1;
+const GREATEST_SHIFT_V: Volts = Volts(0.1);
 /// Least distance of the end of a charge below the limit of the supply, V: near that limit the
 /// current falls to zero.
-const BELOW_LIMIT_V: f64 = 0.02;
+const BELOW_LIMIT_V: Volts = Volts(0.02);
 
 impl Rig<'_> {
     pub(super) async fn discharge(&mut self, step: &Step) -> Result<(), ExecuteError> {
@@ -51,16 +52,16 @@ impl Rig<'_> {
         };
         let idle_v = self.idle_volts("discharge").await?;
         if idle_v <= until_v {
-            tracing::info!("already at {idle_v:.3} V: nothing to discharge");
+            tracing::info!("already at {idle_v:.3}: nothing to discharge");
             return Ok(());
         }
         // Below the end, so that the daemon ends the discharge, and above the cell's limit, so
         // that the load ends it if the daemon does not.
-        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.setup.limits.min_v));
+        let stop_below = (until_v - LOAD_CUT_OFF_V).max(self.setup.limits.min_v);
         let error = self.bench.error("load");
         let load = require(&mut self.bench.instruments.load, "load")?;
         load.prepare(&Discharge {
-            draw: Draw::Current(Amps(current_a)),
+            draw: Draw::Current(current_a),
             stop_below,
         })
         .await
@@ -69,12 +70,12 @@ impl Rig<'_> {
             .energise()
             .await
             .map_err(&error)?;
-        let start_s = self.clock.now_s();
+        let start_s = self.clock.now();
         for poll in 1.. {
-            self.clock.sleep_s(POLL_S).await;
+            self.clock.sleep_for(POLL_S).await;
             let (volts, amps) = self.load_volts().await?;
             let temperature_degc = self.temperature_now_and_then().await?;
-            let now_s = self.clock.now_s();
+            let now_s = self.clock.now();
             self.judge(
                 "discharge",
                 Reading {
@@ -92,7 +93,7 @@ impl Rig<'_> {
             self.explained(follows("load", poll, current_a, amps))
                 .await?;
             bound(step, now_s - start_s, max_s, || {
-                format!("the cell is at {volts:.3} V")
+                format!("the cell is at {volts:.3}")
             })?;
         }
         require(&mut self.bench.instruments.load, "load")?
@@ -104,12 +105,12 @@ impl Rig<'_> {
 
     /// Reads and judges the cell's voltage before anything is switched on: a cell that is missing,
     /// reversed, damaged or too hot must not be driven.
-    pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
+    pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<Volts, ExecuteError> {
         let (volts, drawn_a) = self.load_volts().await?;
         self.no_current(LOAD_CURRENT, drawn_a)?;
         let temperature_degc = self.cell_temperature().await?;
         let reading = Reading {
-            time_s: self.clock.now_s(),
+            time_s: self.clock.now(),
             voltage_v: Some(volts),
             temperature_degc,
             ..Reading::default()
@@ -122,15 +123,15 @@ impl Rig<'_> {
     /// faults.
     pub(super) async fn idle_meters(
         &mut self,
-        drawn_a: f64,
-        fed_a: f64,
+        drawn_a: Amps,
+        fed_a: Amps,
     ) -> Result<(), ExecuteError> {
         self.no_current(LOAD_CURRENT, drawn_a)?;
         self.no_current(CHARGER_CURRENT, fed_a)?;
         self.others_off(&["load", "supply"]).await
     }
 
-    pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
+    pub(super) async fn load_volts(&mut self) -> Result<(Volts, Amps), ExecuteError> {
         self.read_drive(Drive::Load).await
     }
 }
@@ -146,20 +147,20 @@ impl Executor<'_> {
     /// not at rest.
     pub(super) fn accept(
         &mut self,
-        band_v: RangeInclusive<f64>,
+        band_v: RangeInclusive<Volts>,
         missed: Option<Missed>,
     ) -> Result<(), ExecuteError> {
-        let (volts, steady) = self.direct.reset.rested.unwrap_or((f64::NAN, false));
+        let (volts, steady) = self.direct.reset.rested.unwrap_or((Volts::NAN, false));
         if steady && band_v.contains(&volts) {
             self.direct.reset.accepted = true;
             return Ok(());
         }
         let met = format!(
-            "{volts:.4} V, {}",
+            "{volts:.4}, {}",
             if steady { "steady" } else { "still moving" }
         );
         let (low_v, high_v) = band_v.into_inner();
-        let expected = format!("{low_v} V to {high_v} V at rest");
+        let expected = format!("{low_v} to {high_v} at rest");
         let (what, cell) = match self.point() {
             Some(_) => ("counted charge", "cell at its counted charge"),
             None => ("SOC reset", "cell after the SOC reset"),
@@ -168,11 +169,11 @@ impl Executor<'_> {
             None => {
                 let shift_v = self.direct.reset.shift_v + 0.5 * (low_v + high_v) - volts;
                 self.direct.reset.shift_v = if shift_v.is_nan() {
-                    0.0
+                    Volts::ZERO
                 } else {
                     shift_v.clamp(-GREATEST_SHIFT_V, GREATEST_SHIFT_V)
                 };
-                let shift_mv = 1.0e3 * self.direct.reset.shift_v;
+                let shift_mv = 1.0e3 * self.direct.reset.shift_v.value();
                 let text = format!(
                     "SOC reset: expected {expected}, found {met}; again, the end of the charge \
                     moved by {shift_mv:+.1} mV"
@@ -221,24 +222,24 @@ impl Executor<'_> {
     }
 
     /// Starts the bath at a set-point, and watches it from here on.
-    async fn start_bath(&mut self, setpoint_degc: f64) -> Result<(), ExecuteError> {
+    async fn start_bath(&mut self, setpoint_degc: Celsius) -> Result<(), ExecuteError> {
         let error = self.rig.bench.error("chiller");
         let chiller = require(&mut self.rig.bench.instruments.chiller, "chiller")?;
         match self.rig.temperatures.thermostat.as_mut() {
             Some(thermostat) => thermostat.set(setpoint_degc),
             None => {
-                chiller.start(Celsius(setpoint_degc)).await.map_err(error)?;
+                chiller.start(setpoint_degc).await.map_err(error)?;
                 let settings = self.rig.setup.thermostat;
                 self.rig.temperatures.thermostat = chiller
                     .is_regulated()
-                    .then(|| Thermostat::new(settings, setpoint_degc, self.rig.clock.now_s()));
+                    .then(|| Thermostat::new(settings, setpoint_degc, self.rig.clock.now()));
             }
         }
         self.rig.temperatures.chiller_runs = true;
         self.rig.temperatures.setpoint_degc = Some(setpoint_degc);
         self.rig.recorder.bath(None, Some(setpoint_degc));
         if self.rig.temperatures.thermostat.is_none() {
-            self.person.progress.bath(setpoint_degc);
+            self.person.progress.bath(setpoint_degc.value());
         }
         Ok(())
     }
@@ -253,10 +254,10 @@ impl Executor<'_> {
             return Ok(());
         };
         self.start_bath(setpoint_degc).await?;
-        let start_s = self.rig.clock.now_s();
+        let start_s = self.rig.clock.now();
         let mut steady_since_s = None;
         loop {
-            let now_s = self.rig.clock.now_s();
+            let now_s = self.rig.clock.now();
             let temperature_degc = self.rig.cell_temperature().await?;
             self.rig.judge(
                 "temperature",
@@ -277,7 +278,7 @@ impl Executor<'_> {
             bound(step, now_s - start_s, max_s, || {
                 at_in_words(temperature_degc)
             })?;
-            self.rig.clock.sleep_s(REST_POLL_S).await;
+            self.rig.clock.sleep_for(REST_POLL_S).await;
         }
     }
 
@@ -294,13 +295,13 @@ impl Executor<'_> {
         let until_v = (until_v + self.direct.reset.shift_v).min(limit_v - BELOW_LIMIT_V);
         let idle_v = self.rig.idle_volts("charge").await?;
         if idle_v >= until_v {
-            tracing::info!("already at {idle_v:.3} V: nothing to charge");
+            tracing::info!("already at {idle_v:.3}: nothing to charge");
             return Ok(());
         }
         let error = self.rig.bench.error("supply");
         let charge = Charge {
-            voltage: Volts(limit_v),
-            current: Amps(current_a),
+            voltage: limit_v,
+            current: current_a,
         };
         require(&mut self.rig.bench.instruments.supply, "supply")?
             .prepare(&charge)
@@ -310,15 +311,15 @@ impl Executor<'_> {
             .energise()
             .await
             .map_err(&error)?;
-        let start_s = self.rig.clock.now_s();
+        let start_s = self.rig.clock.now();
         for poll in 1.. {
-            self.rig.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_for(POLL_S).await;
             // The supply has no sense leads. Those of the load, with its input off, measure the
             // cell itself.
             let (volts, drawn_a) = self.rig.load_volts().await?;
             let (terminal_v, amps) = self.rig.read_drive(Drive::Supply).await?;
             let temperature_degc = self.rig.temperature_now_and_then().await?;
-            let now_s = self.rig.clock.now_s();
+            let now_s = self.rig.clock.now();
             let reading = Reading {
                 time_s: now_s,
                 voltage_v: Some(volts),
@@ -334,13 +335,13 @@ impl Executor<'_> {
                 break;
             }
             // Near the limit of the supply its current falls, as expected.
-            if volts < limit_v - 0.1 {
+            if volts < limit_v - Volts(0.1) {
                 self.rig
                     .explained(follows("supply", poll, current_a, amps))
                     .await?;
             }
             bound(step, now_s - start_s, max_s, || {
-                format!("the cell is at {volts:.3} V")
+                format!("the cell is at {volts:.3}")
             })?;
         }
         require(&mut self.rig.bench.instruments.supply, "supply")?
@@ -359,15 +360,15 @@ impl Executor<'_> {
         else {
             return Ok(());
         };
-        let start_s = self.rig.clock.now_s();
-        let mut window: VecDeque<(f64, f64)> = VecDeque::new();
+        let start_s = self.rig.clock.now();
+        let mut window: VecDeque<(Seconds, Volts)> = VecDeque::new();
         loop {
-            self.rig.clock.sleep_s(REST_POLL_S).await;
+            self.rig.clock.sleep_for(REST_POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
             let (_, fed_a) = self.rig.read_drive(Drive::Supply).await?;
             let current_a = Some(fed_a - drawn_a);
             let temperature_degc = self.rig.temperature_now_and_then().await?;
-            let now_s = self.rig.clock.now_s();
+            let now_s = self.rig.clock.now();
             self.rig.judge(
                 "rest",
                 Reading {
@@ -381,14 +382,14 @@ impl Executor<'_> {
             window.push_back((now_s, volts));
             while window
                 .front()
-                .is_some_and(|(time_s, _)| now_s - time_s > SLOPE_SPAN_S)
+                .is_some_and(|(time_s, _)| now_s - *time_s > SLOPE_SPAN_S)
             {
                 window.pop_front();
             }
             let rested_s = now_s - start_s;
             let slope = slope(&window);
             if rested_s >= min_s.max(SLOPE_SPAN_S) && slope.abs() < slope_v_per_s {
-                tracing::info!("rested to {volts:.4} V in {rested_s:.0} s");
+                tracing::info!("rested to {volts:.4} in {rested_s:.0}");
                 self.direct.reset.rested = Some((volts, true));
                 return Ok(());
             }
@@ -397,12 +398,12 @@ impl Executor<'_> {
                 // justify the loss of a night, but it must be reported.
                 let text = if slope.is_nan() {
                     format!(
-                        "{max_s:.0} s of rest are too short to decide whether the voltage is \
+                        "{max_s:.0} of rest are too short to decide whether the voltage is \
                         steady"
                     )
                 } else {
                     format!(
-                        "after {max_s:.0} s of rest the voltage still moves by {:.3} mV/min",
+                        "after {max_s:.0} of rest the voltage still moves by {:.3} mV/min",
                         slope * 6.0e4
                     )
                 };
@@ -418,8 +419,8 @@ impl Executor<'_> {
 
 pub(super) fn bound(
     step: &impl std::fmt::Display,
-    passed_s: f64,
-    max_s: f64,
+    passed_s: Seconds,
+    max_s: Seconds,
     state: impl Fn() -> String,
 ) -> Result<(), ExecuteError> {
     if passed_s <= max_s {
@@ -434,10 +435,10 @@ pub(super) fn bound(
 }
 
 /// Formats the temperature of the cell by its thermometer.
-fn at_in_words(temperature_degc: Option<f64>) -> String {
+fn at_in_words(temperature_degc: Option<Celsius>) -> String {
     temperature_degc.map_or_else(
         || "no temperature was read".to_owned(),
-        |met_degc| format!("the cell is at {met_degc:.2} °C"),
+        |met_degc| format!("the cell is at {met_degc:.2}"),
     )
 }
 
@@ -446,36 +447,34 @@ fn at_in_words(temperature_degc: Option<f64>) -> String {
 pub(super) fn follows(
     what: &str,
     poll: u32,
-    commanded_a: f64,
-    met_a: f64,
+    commanded_a: Amps,
+    met_a: Amps,
 ) -> Result<(), ExecuteError> {
-    if poll < RISE_POLLS || (met_a - commanded_a).abs() <= 0.1 * commanded_a + 0.05 {
+    if poll < RISE_POLLS || (met_a - commanded_a).abs() <= 0.1 * commanded_a + Amps(0.05) {
         return Ok(());
     }
     Err(ExecuteError::Disobeyed {
         what: what.to_owned(),
-        expected: format!("{commanded_a:.3} A"),
-        met: format!("{met_a:.3} A"),
+        expected: format!("{commanded_a:.3}"),
+        met: format!("{met_a:.3}"),
     })
 }
 
 /// Returns the least-squares slope of (s, V), V/s; not a number for fewer than three points.
-fn slope(points: &VecDeque<(f64, f64)>) -> f64 {
+fn slope(points: &VecDeque<(Seconds, Volts)>) -> f64 {
     if points.len() < 3 {
         return f64::NAN;
     }
     let count = points.len() as f64;
-    let mean_t = points.iter().map(|(t, _)| t).sum::<f64>() / count;
-    let mean_v = points.iter().map(|(_, v)| v).sum::<f64>() / count;
-    let (covariance, variance) =
-        points
-            .iter()
-            .fold((0.0, 0.0), |(covariance, variance), (t, v)| {
-                (
-                    covariance + (t - mean_t) * (v - mean_v),
-                    variance + (t - mean_t).powi(2),
-                )
-            });
+    let numbers = || points.iter().map(|(t, v)| (t.value(), v.value()));
+    let mean_t = numbers().map(|(t, _)| t).sum::<f64>() / count;
+    let mean_v = numbers().map(|(_, v)| v).sum::<f64>() / count;
+    let (covariance, variance) = numbers().fold((0.0, 0.0), |(covariance, variance), (t, v)| {
+        (
+            covariance + (t - mean_t) * (v - mean_v),
+            variance + (t - mean_t).powi(2),
+        )
+    });
     covariance / variance
 }
 
@@ -485,11 +484,11 @@ mod tests {
 
     #[test]
     fn the_slope_is_the_lines() {
-        let line: VecDeque<(f64, f64)> = (0..12)
+        let line: VecDeque<(Seconds, Volts)> = (0..12)
             .map(|k| {
                 (
-                    100.0 + 10.0 * f64::from(k),
-                    3.7 - 2.0e-6 * 10.0 * f64::from(k),
+                    Seconds(100.0 + 10.0 * f64::from(k)),
+                    Volts(3.7 - 2.0e-6 * 10.0 * f64::from(k)),
                 )
             })
             .collect();
@@ -499,8 +498,10 @@ mod tests {
 
     #[test]
     fn a_current_that_does_not_come_is_named() {
-        assert!(follows("load", 1, 5.0, 0.0).is_ok());
-        let message = follows("load", 3, 5.0, 0.0).unwrap_err().to_string();
+        assert!(follows("load", 1, Amps(5.0), Amps(0.0)).is_ok());
+        let message = follows("load", 3, Amps(5.0), Amps(0.0))
+            .unwrap_err()
+            .to_string();
         assert_eq!(message, "load: expected 5.000 A, measured 0.000 A");
     }
 }

@@ -1,6 +1,8 @@
 //! Errors that end a stage early: from an instrument, the interlock, a file, a person, a bound, or
 //! a bench that does not execute a command.
 
+use instruments::units::{Hertz, Seconds, Volts};
+
 use crate::{bench::BenchError, operator::OperatorError, record::RecordError, watch::Alarm};
 use bench_plan::interlock::Trip;
 
@@ -51,10 +53,10 @@ pub enum ExecuteError {
         other: String,
     },
     /// The channels of a record contradict each other.
-    #[error("{freq_hz} Hz: the channels contradict each other: {found}: {cause}")]
+    #[error("{freq_hz}: the channels contradict each other: {found}: {cause}")]
     Channels {
         /// Frequency, Hz.
-        freq_hz: f64,
+        freq_hz: Hertz,
         /// What was expected and what was found.
         found: String,
         /// Lead faults that explain it, as text.
@@ -62,12 +64,12 @@ pub enum ExecuteError {
     },
     /// The scope sends a record that it has already sent.
     #[error(
-        "{freq_hz} Hz: expected a new record from the scope, found that of {earlier} again, code by \
+        "{freq_hz}: expected a new record from the scope, found that of {earlier} again, code by \
         code in all four channels: the scope repeats an old record"
     )]
     Repeated {
         /// Frequency, Hz.
-        freq_hz: f64,
+        freq_hz: Hertz,
         /// The earlier record, as text.
         earlier: String,
     },
@@ -84,12 +86,12 @@ pub enum ExecuteError {
     #[error("ended on request; `eis-bench resume` with the run folder goes on")]
     Aborted,
     /// A step reached its upper bound.
-    #[error("{step}: not reached within {max_s:.0} s ({state})")]
+    #[error("{step}: not reached within {max_s:.0} ({state})")]
     Bound {
         /// The step, as text.
         step: String,
         /// The bound, s.
-        max_s: f64,
+        max_s: Seconds,
         /// State that was reached instead.
         state: String,
     },
@@ -105,14 +107,14 @@ pub enum ExecuteError {
     },
     /// A control is requested, but something with a voltage is in the jig.
     #[error(
-        "{what}: expected nothing with a voltage in the jig, found {volts:.2} V: is the cell still \
+        "{what}: expected nothing with a voltage in the jig, found {volts:.2}: is the cell still \
         in?"
     )]
     CellLeftIn {
         /// Action that was about to be taken.
         what: String,
         /// Voltage at the jig with every output off, V.
-        volts: f64,
+        volts: Volts,
     },
     /// A frame of a trace cannot be used.
     #[error("trace {trace}, {frame}: {reason}")]
@@ -125,10 +127,10 @@ pub enum ExecuteError {
         reason: String,
     },
     /// A record cannot be analysed.
-    #[error("{freq_hz} Hz: {reason}")]
+    #[error("{freq_hz}: {reason}")]
     Signal {
         /// Frequency, Hz.
-        freq_hz: f64,
+        freq_hz: Hertz,
         /// Reason.
         reason: String,
     },

@@ -4,10 +4,13 @@
 
 use analysis_fit::validity::{FEWEST_POINTS, KkPoint, Noise, kramers_kronig};
 use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Coulombs, Seconds},
+};
 
 use super::{ExecuteError, Executor, Known, SweepState};
-use crate::record::Event;
+use crate::{clock::TypedClock, record::Event};
 use bench_plan::{
     measure::{
         Spent, SweepPoint,
@@ -116,10 +119,10 @@ impl Executor<'_> {
         let text = format!("{step}: measured again: {}", reasons.join("; "));
         tracing::info!("{text}");
         self.rig.recorder.event(Event::Again, &text)?;
-        let start_s = self.rig.clock.now_s();
+        let start_s = self.rig.clock.now();
         self.rig.begin(fixture, step);
         let mut point = self.sine(fixture, step, before.captures).await?;
-        let took_s = self.rig.clock.now_s() - start_s;
+        let took_s = self.rig.clock.now() - start_s;
         let spent = Spent {
             time_s: took_s,
             charge_coulomb: moved_coulomb(step, took_s),
@@ -235,11 +238,11 @@ fn ways(points: &[SweepPoint]) -> Vec<Vec<usize>> {
 
 /// Returns the charge that a sinusoid moves back and forth, C: its mean magnitude is 2/π of its
 /// amplitude.
-fn moved_coulomb(step: &Step, time_s: f64) -> f64 {
+fn moved_coulomb(step: &Step, time_s: Seconds) -> Coulombs {
     if let Step::Sine { amplitude_a, .. } = step {
-        std::f64::consts::FRAC_2_PI * amplitude_a * time_s
+        std::f64::consts::FRAC_2_PI * *amplitude_a * time_s
     } else {
-        0.0
+        Coulombs::ZERO
     }
 }
 
@@ -247,6 +250,7 @@ fn moved_coulomb(step: &Step, time_s: f64) -> f64 {
 mod tests {
     use super::*;
     use analysis_signal::spectrum::{ChannelPhasors, PhasorVariance};
+    use instruments::units::Hertz;
 
     fn point(index: usize, freq_hz: f64, time_s: f64) -> SweepPoint {
         let phasors = ChannelPhasors {
@@ -259,16 +263,16 @@ mod tests {
             index,
             phasors,
             volts_per_div: [1.0; 4],
-            free_freq_hz: freq_hz,
+            free_freq_hz: Hertz(freq_hz),
             residual_lag1: 0.0,
             harmonics_and_drift: bench_plan::measure::HarmonicsAndDrift::default(),
             warnings: Vec::new(),
-            time_s: 0.0,
+            time_s: Seconds(0.0),
             captures: 1,
             rechecked: 0,
             spent: Spent {
-                time_s,
-                charge_coulomb: 0.5 * time_s,
+                time_s: Seconds(time_s),
+                charge_coulomb: Coulombs(0.5 * time_s),
             },
             measures: bench_plan::measure::quality::Measures::default(),
             failing: Vec::new(),
@@ -297,16 +301,16 @@ mod tests {
             repeatability: 0.0,
             kramers_kronig: 0.0,
             again: 2,
-            time_s: 100.0,
-            charge_coulomb: 60.0,
+            time_s: Seconds(100.0),
+            charge_coulomb: Coulombs(60.0),
         };
         let points = [point(0, 1.0, 30.0), point(1, 2.0, 50.0)];
         let spent = Spent::of(points.iter());
         assert_eq!(
             spent,
             Spent {
-                time_s: 80.0,
-                charge_coulomb: 40.0
+                time_s: Seconds(80.0),
+                charge_coulomb: Coulombs(40.0)
             }
         );
         let allows = |time_s, charge_coulomb| {
@@ -318,6 +322,10 @@ mod tests {
                 },
             )
         };
-        assert!(allows(20.0, 20.0) && !allows(20.1, 0.0) && !allows(1.0, 20.1));
+        assert!(
+            allows(Seconds(20.0), Coulombs(20.0))
+                && !allows(Seconds(20.1), Coulombs(0.0))
+                && !allows(Seconds(1.0), Coulombs(20.1))
+        );
     }
 }

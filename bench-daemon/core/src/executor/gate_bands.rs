@@ -5,7 +5,7 @@
 use instruments::fixture::Fixture;
 
 use super::{ExecuteError, Executor, SweepState};
-use crate::record::Event;
+use crate::{clock::TypedClock, record::Event};
 use bench_plan::{
     measure::{
         Spent, SweepPoint,
@@ -125,7 +125,7 @@ impl Executor<'_> {
         tracing::info!("{text}");
         self.rig.handle_abort()?;
         self.rig.recorder.event(Event::Again, &text)?;
-        let start_s = self.rig.clock.now_s();
+        let start_s = self.rig.clock.now();
         let taken = points[range.clone()]
             .iter()
             .map(|point| point.captures)
@@ -134,7 +134,7 @@ impl Executor<'_> {
         let step = Step::Multisine(std::sync::Arc::new(band.clone()));
         self.rig.begin(Fixture::Cell, &step);
         let again = self.multisine(band, first, taken).await?;
-        let took_s = self.rig.clock.now_s() - start_s;
+        let took_s = self.rig.clock.now() - start_s;
         self.sweep.spent = self.sweep.spent
             + Spent {
                 time_s: took_s,

@@ -1,10 +1,15 @@
 //! Handles run control requests between two points of a running run: to pause without any current,
 //! or to stop.
 
-use instruments::{clock::TimeMode, fixture::Fixture};
+use instruments::{
+    clock::TimeMode,
+    fixture::Fixture,
+    units::{Amps, Seconds},
+};
 
 use super::{ExecuteError, Executor, Rig};
 use crate::{
+    clock::TypedClock,
     journal::Entry,
     operator::run_control::{RunAction, RunControl},
     record::Event,
@@ -12,13 +17,13 @@ use crate::{
 use bench_plan::plan::{Purpose, Stage, Step};
 
 /// Seconds between two checks while the run waits, on request or for a person.
-pub(super) const PAUSE_POLL_S: f64 = 5.0;
+pub(super) const PAUSE_POLL_S: Seconds = Seconds(5.0);
 
 impl Rig<'_> {
     /// Ends the run on request within a step of which only the end is kept. Checks for requests a
     /// few times per minute.
     pub(super) fn handle_request_within_step(&mut self) -> Result<(), ExecuteError> {
-        let now_s = self.clock.now_s();
+        let now_s = self.clock.now();
         if !self.watching.requests.ends_early
             || self.clock.mode() == TimeMode::Virtual
             || now_s - self.watching.requests.looked_s < PAUSE_POLL_S
@@ -64,12 +69,12 @@ impl Executor<'_> {
         if self.rig.clock.mode() == TimeMode::Virtual || !self.rig.paused(false)? {
             return Ok(());
         }
-        let since_s = self.rig.clock.now_s();
+        let since_s = self.rig.clock.now();
         self.wait_without_current(fixture).await?;
         if step > 0 && matches!(stage.purpose, Purpose::OcvSoc) {
             let text = format!(
                 "paused for {:.0} s between two legs: the curve has a rest there",
-                self.rig.clock.now_s() - since_s
+                (self.rig.clock.now() - since_s).0
             );
             self.rig.recorder.warning(&self.of_run(&text));
         }
@@ -83,7 +88,7 @@ impl Executor<'_> {
             let idle = self.known.idle;
             self.power(fixture, power).await?;
             self.begin_count().await?;
-            if stage.bias_a() != 0.0 {
+            if stage.bias_a() != Amps::ZERO {
                 // The charge so far counts from the rest before the sweep.
                 self.known.idle = idle;
                 self.resume_bias(before).await?;
@@ -106,7 +111,7 @@ impl Executor<'_> {
             .made_safe()
             .await
             .map_err(crate::bench::BenchError::from)?;
-        self.rig.driving.bias.cut(self.rig.clock.now_s());
+        self.rig.driving.bias.cut(self.rig.clock.now());
         self.end_count()?;
         self.rig.recorder.journal(Entry::Safe)?;
         self.rig.recorder.journal(Entry::Paused)?;
@@ -120,9 +125,14 @@ impl Executor<'_> {
         self.person.progress.say(&format!(
             "{text}; `eis-bench go-on` with the run folder lets it go on"
         ));
-        self.rig.begin(fixture, &Step::Pause { span_s: 0.0 });
+        self.rig.begin(
+            fixture,
+            &Step::Pause {
+                span_s: Seconds::ZERO,
+            },
+        );
         while self.rig.paused(true)? {
-            self.rig.clock.sleep_s(PAUSE_POLL_S).await;
+            self.rig.clock.sleep_for(PAUSE_POLL_S).await;
             self.rig.watch_idle("paused", fixture).await?;
         }
         self.rig.recorder.journal(Entry::GoneOn)?;

@@ -4,7 +4,7 @@
 use instruments::{
     load::{Discharge, Draw},
     supply::Charge,
-    units::{Amps, Volts},
+    units::{Amps, Coulombs, Seconds, Volts},
 };
 
 use super::{
@@ -20,8 +20,10 @@ use bench_plan::{
     plan::{Flow, Leg},
 };
 
+use crate::clock::TypedClock;
+
 /// Distance from its voltage limit within which the supply's current may fall, V.
-const NEAR_LIMIT_V: f64 = 0.1;
+const NEAR_LIMIT_V: Volts = Volts(0.1);
 /// Number of readings after which a current that has fallen is judged: by then it has risen.
 const RISEN_POLLS: u32 = 5;
 
@@ -30,7 +32,7 @@ impl Executor<'_> {
         if self.direct.legs.log != Some(leg.log) {
             self.direct.legs = Legs {
                 log: Some(leg.log),
-                start_s: self.rig.clock.now_s(),
+                start_s: self.rig.clock.now(),
                 ..Legs::default()
             };
             self.rig.temperatures.last_degc = self.rig.cell_temperature().await?;
@@ -77,30 +79,30 @@ impl Executor<'_> {
             }
             Flow::Charge { .. } | Flow::Rest => return Ok(()),
         };
-        if charge_coulomb.is_some_and(|left_coulomb| left_coulomb <= 0.0) {
+        if charge_coulomb.is_some_and(|left_coulomb| left_coulomb <= Coulombs::ZERO) {
             tracing::info!("already at its charge: nothing to discharge");
             return Ok(());
         }
         if self.rig.idle_volts("discharge").await? <= until_v {
-            tracing::info!("already below {until_v} V: nothing to discharge");
+            tracing::info!("already below {until_v}: nothing to discharge");
             return Ok(());
         }
         // As for any discharge: the load's own end lies below the daemon's end, and not below the
         // cell's limit.
-        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.rig.setup.limits.min_v));
+        let stop_below = (until_v - LOAD_CUT_OFF_V).max(self.rig.setup.limits.min_v);
         let error = self.rig.bench.error("load");
         let load = require(&mut self.rig.bench.instruments.load, "load")?;
         load.prepare(&Discharge {
-            draw: Draw::Current(Amps(current_a)),
+            draw: Draw::Current(current_a),
             stop_below,
         })
         .await
         .map_err(&error)?;
         load.energise().await.map_err(&error)?;
-        let (start_s, from_coulomb) = (self.rig.clock.now_s(), self.direct.legs.charge_coulomb);
+        let (start_s, from_coulomb) = (self.rig.clock.now(), self.direct.legs.charge_coulomb);
         let mut last_s = start_s;
         for poll in 1.. {
-            self.rig.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_for(POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
             self.keep("discharge", &mut last_s, volts, -drawn_a).await?;
             if volts <= until_v
@@ -114,7 +116,7 @@ impl Executor<'_> {
                 .explained(follows("load", poll, current_a, drawn_a))
                 .await?;
             bound(leg, last_s - start_s, leg.max_s, || {
-                format!("the cell is at {volts:.3} V")
+                format!("the cell is at {volts:.3}")
             })?;
         }
         Ok(require(&mut self.rig.bench.instruments.load, "load")?
@@ -137,23 +139,23 @@ impl Executor<'_> {
             return Ok(());
         };
         if self.rig.idle_volts("charge").await? >= limit_v {
-            tracing::info!("already at {limit_v} V: nothing to charge");
+            tracing::info!("already at {limit_v}: nothing to charge");
             return Ok(());
         }
         let error = self.rig.bench.error("supply");
         let supply = require(&mut self.rig.bench.instruments.supply, "supply")?;
         supply
             .prepare(&Charge {
-                voltage: Volts(limit_v),
-                current: Amps(current_a),
+                voltage: limit_v,
+                current: current_a,
             })
             .await
             .map_err(&error)?;
         supply.energise().await.map_err(&error)?;
-        let (start_s, from_coulomb) = (self.rig.clock.now_s(), self.direct.legs.charge_coulomb);
+        let (start_s, from_coulomb) = (self.rig.clock.now(), self.direct.legs.charge_coulomb);
         let mut last_s = start_s;
         for poll in 1.. {
-            self.rig.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_for(POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
             self.rig.no_current(LOAD_CURRENT, drawn_a)?;
             let (terminal_v, fed_a) = self.rig.read_drive(Drive::Supply).await?;
@@ -173,7 +175,7 @@ impl Executor<'_> {
                     .await?;
             }
             bound(leg, last_s - start_s, leg.max_s, || {
-                format!("the cell is at {volts:.3} V and takes {fed_a:.3} A")
+                format!("the cell is at {volts:.3} and takes {fed_a:.3}")
             })?;
         }
         Ok(require(&mut self.rig.bench.instruments.supply, "supply")?
@@ -183,13 +185,13 @@ impl Executor<'_> {
     }
 
     async fn rest_leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
-        let start_s = self.rig.clock.now_s();
+        let start_s = self.rig.clock.now();
         let mut last_s = start_s;
         while last_s - start_s < leg.max_s {
-            self.rig.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_for(POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
             let (_, fed_a) = self.rig.read_drive(Drive::Supply).await?;
-            let time_s = self.rig.clock.now_s();
+            let time_s = self.rig.clock.now();
             let temperature_degc = self.rig.temperature_now_and_then().await?;
             let reading = Reading {
                 time_s,
@@ -202,7 +204,7 @@ impl Executor<'_> {
             last_s = time_s;
             // Nothing flows: the meters show their zero error.
             let last_degc = self.rig.temperatures.last_degc;
-            self.direct.legs.push(time_s, volts, 0.0, last_degc);
+            self.direct.legs.push(time_s, volts, Amps::ZERO, last_degc);
         }
         Ok(())
     }
@@ -212,11 +214,11 @@ impl Executor<'_> {
     async fn keep(
         &mut self,
         phase: &str,
-        last_s: &mut f64,
-        volts: f64,
-        amps: f64,
+        last_s: &mut Seconds,
+        volts: Volts,
+        amps: Amps,
     ) -> Result<(), ExecuteError> {
-        let time_s = self.rig.clock.now_s();
+        let time_s = self.rig.clock.now();
         let temperature_degc = self.rig.temperature_now_and_then().await?;
         self.rig.judge(
             phase,
@@ -230,7 +232,7 @@ impl Executor<'_> {
         self.rig.look_back().await?;
         // During a charge the load is read too, as a voltmeter.
         self.rig
-            .others_off(if amps < 0.0 {
+            .others_off(if amps < Amps::ZERO {
                 &["load"]
             } else {
                 &["load", "supply"]

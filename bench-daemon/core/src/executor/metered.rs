@@ -7,7 +7,7 @@ use analysis_files::dataset::TraceRow;
 use instruments::{
     load::{Discharge, Draw},
     supply::Charge,
-    units::{Amps, Volts, Watts},
+    units::{Amps, Celsius, Seconds, Volts, Watts},
 };
 
 use super::{
@@ -23,10 +23,12 @@ use bench_plan::{
     plan::{Level, TracePlan},
 };
 
+use crate::clock::TypedClock;
+
 /// Distance from its voltage limit within which the supply's current may fall, V.
-const NEAR_LIMIT_V: f64 = 0.1;
+const NEAR_LIMIT_V: Volts = Volts(0.1);
 /// Time before a step at which the last reading is started, s.
-const READING_S: f64 = 0.15;
+const READING_S: Seconds = Seconds(0.15);
 /// A row is the mean of one reading.
 const ONE: f64 = 1.0;
 
@@ -44,7 +46,7 @@ enum Flowing {
 /// A trace in progress.
 struct Work<'a> {
     trace: &'a TracePlan,
-    origin_s: f64,
+    origin_s: Seconds,
     flowing: Flowing,
     /// How the load was last prepared.
     power: Option<bool>,
@@ -57,16 +59,21 @@ struct Work<'a> {
 impl Rig<'_> {
     /// Programs the limits in advance, so that a step is a single message.
     async fn ready(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
-        if let Some(first) = work.trace.levels.iter().find(|level| level.current_a < 0.0) {
+        if let Some(first) = work
+            .trace
+            .levels
+            .iter()
+            .find(|level| level.current_a < Amps::ZERO)
+        {
             self.prepare_load(work, first.power_w.is_some()).await?;
         }
         let greatest_a = work.trace.extremes_a().1;
-        if greatest_a > 0.0 {
-            let voltage = Volts(self.setup.limits.max_v - BELOW_GREATEST_V);
+        if greatest_a > Amps::ZERO {
+            let voltage = self.setup.limits.max_v - BELOW_GREATEST_V;
             let error = self.bench.error("supply");
             let charge = Charge {
                 voltage,
-                current: Amps(greatest_a),
+                current: greatest_a,
             };
             require(&mut self.bench.instruments.supply, "supply")?
                 .prepare(&charge)
@@ -85,14 +92,14 @@ impl Rig<'_> {
                 .fold(0.0, |most: f64, value| most.max(-value))
         };
         let draw = if power {
-            Draw::Power(Watts(greatest(|level| level.power_w)))
+            Draw::Power(Watts(greatest(|level| level.power_w.map(Watts::value))))
         } else {
             Draw::Current(Amps(greatest(|level| {
-                level.power_w.is_none().then_some(level.current_a)
+                level.power_w.is_none().then_some(level.current_a.value())
             })))
         };
         let error = self.bench.error("load");
-        let stop_below = Volts(self.setup.limits.min_v);
+        let stop_below = self.setup.limits.min_v;
         require(&mut self.bench.instruments.load, "load")?
             .prepare(&Discharge { draw, stop_below })
             .await
@@ -105,8 +112,8 @@ impl Rig<'_> {
     async fn flow(&mut self, work: &mut Work<'_>, level: Level) -> Result<(), ExecuteError> {
         let power = level.power_w.is_some();
         let wanted = match level.current_a {
-            amps if amps < 0.0 => Flowing::Load { power },
-            amps if amps > 0.0 => Flowing::Supply,
+            amps if amps < Amps::ZERO => Flowing::Load { power },
+            amps if amps > Amps::ZERO => Flowing::Supply,
             _ => Flowing::Nothing,
         };
         if wanted != work.flowing {
@@ -120,9 +127,7 @@ impl Rig<'_> {
                 }
                 let draw = level
                     .power_w
-                    .map_or(Draw::Current(Amps(-level.current_a)), |watts| {
-                        Draw::Power(Watts(-watts))
-                    });
+                    .map_or(Draw::Current(-level.current_a), |watts| Draw::Power(-watts));
                 let error = self.bench.error("load");
                 let load = require(&mut self.bench.instruments.load, "load")?;
                 load.level(draw).await.map_err(&error)?;
@@ -138,7 +143,7 @@ impl Rig<'_> {
                 };
                 let error = self.bench.error("supply");
                 let supply = require(&mut self.bench.instruments.supply, "supply")?;
-                supply.level(Amps(amps)).await.map_err(&error)?;
+                supply.level(amps).await.map_err(&error)?;
                 if work.flowing != wanted {
                     supply.energise().await.map_err(error)?;
                 }
@@ -176,20 +181,20 @@ impl Rig<'_> {
     }
 
     /// Reads every second up to a test time, the last time just before it.
-    async fn read_until(&mut self, work: &mut Work<'_>, at_s: f64) -> Result<(), ExecuteError> {
+    async fn read_until(&mut self, work: &mut Work<'_>, at_s: Seconds) -> Result<(), ExecuteError> {
         let until_s = work.origin_s + at_s;
-        while until_s - self.clock.now_s() > POLL_S + READING_S {
-            self.clock.sleep_s(POLL_S).await;
+        while until_s - self.clock.now() > POLL_S + READING_S {
+            self.clock.sleep_for(POLL_S).await;
             self.metered_row(work).await?;
         }
         self.clock
-            .sleep_s((until_s - READING_S - self.clock.now_s()).max(0.0))
+            .sleep_for((until_s - READING_S - self.clock.now()).max(Seconds::ZERO))
             .await;
         // Every step is judged at least once, however short it is.
         work.polls = work.polls.max(RISE_POLLS - 1);
         self.metered_row(work).await?;
         self.clock
-            .sleep_s((until_s - self.clock.now_s()).max(0.0))
+            .sleep_for((until_s - self.clock.now()).max(Seconds::ZERO))
             .await;
         Ok(())
     }
@@ -198,12 +203,12 @@ impl Rig<'_> {
     /// no sense leads; those of the load measure the cell itself.
     async fn metered_row(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
         let temperature_degc = self.temperature_now_and_then().await?;
-        let began_s = self.clock.now_s();
+        let began_s = self.clock.now();
         let (volts, drawn_a) = self.load_volts().await?;
         let mut terminal_v = None;
         let current_a = match work.flowing {
             // The meters show their zero error.
-            Flowing::Nothing => 0.0,
+            Flowing::Nothing => Amps::ZERO,
             Flowing::Load { .. } => -drawn_a,
             Flowing::Supply => {
                 let (volts, fed_a) = self.read_drive(Drive::Supply).await?;
@@ -211,7 +216,7 @@ impl Rig<'_> {
                 fed_a
             }
         };
-        let now_s = self.clock.now_s();
+        let now_s = self.clock.now();
         let shown_a = if work.flowing == Flowing::Nothing {
             -drawn_a
         } else {
@@ -255,25 +260,25 @@ impl Rig<'_> {
             }
         }
         // The voltage drop of the leads is not part of the cell's voltage.
-        let voltage_v = volts - work.trace.lead_ohm * current_a;
+        let voltage_v = volts - current_a * work.trace.lead_ohm;
         let (time_s, temperature_degc) = (
             0.5 * (began_s + now_s) - work.origin_s,
-            self.temperatures.last_degc.unwrap_or(f64::NAN),
+            self.temperatures.last_degc.unwrap_or(Celsius::NAN),
         );
         work.recorded.rows.push(TraceRow {
-            time_s,
-            current_a,
-            voltage_v,
-            temperature_degc,
+            time_s: time_s.value(),
+            current_a: current_a.value(),
+            voltage_v: voltage_v.value(),
+            temperature_degc: temperature_degc.value(),
             samples: ONE,
-            averaged_s: (time_s, time_s),
+            averaged_s: (time_s.value(), time_s.value()),
         });
         Ok(())
     }
 
     /// Checks that an output that is off carries no current. Judges from the second reading after
     /// a step on, because the first may still show the state before.
-    async fn nothing_else(&mut self, work: &Work<'_>, drawn_a: f64) -> Result<(), ExecuteError> {
+    async fn nothing_else(&mut self, work: &Work<'_>, drawn_a: Amps) -> Result<(), ExecuteError> {
         if work.polls < 2 {
             return Ok(());
         }
@@ -296,8 +301,8 @@ impl Executor<'_> {
         zero: Zero,
     ) -> Result<(), ExecuteError> {
         let nothing = Level {
-            at_s: 0.0,
-            current_a: 0.0,
+            at_s: Seconds::ZERO,
+            current_a: Amps::ZERO,
             power_w: None,
         };
         let squares = [zero.scatter.1.powi(2), zero.scatter.0.powi(2)];
@@ -308,7 +313,7 @@ impl Executor<'_> {
         };
         let mut work = Work {
             trace,
-            origin_s: 0.0,
+            origin_s: Seconds::ZERO,
             flowing: Flowing::Nothing,
             power: None,
             level: nothing,
@@ -316,19 +321,19 @@ impl Executor<'_> {
             recorded,
         };
         self.rig.ready(&mut work).await?;
-        work.origin_s = self.rig.clock.now_s();
+        work.origin_s = self.rig.clock.now();
         self.rig.metered_row(&mut work).await?;
         for level in &trace.levels {
             self.rig.read_until(&mut work, level.at_s).await?;
             work.recorded
                 .steps_s
-                .push(self.rig.clock.now_s() - work.origin_s);
+                .push((self.rig.clock.now() - work.origin_s).value());
             self.rig.flow(&mut work, *level).await?;
             self.rig.metered_row(&mut work).await?;
         }
         let end_s = trace
             .end_s
-            .max(self.rig.clock.now_s() - work.origin_s + POLL_S);
+            .max(self.rig.clock.now() - work.origin_s + POLL_S);
         self.rig.read_until(&mut work, end_s).await?;
         self.rig.metered_row(&mut work).await?;
         let Work {

@@ -13,7 +13,7 @@ use instruments::{
     fixture::Fixture,
     generator::{Sine, Wave},
     scope::{Intent, Trigger, Waveform},
-    units::{Hertz, Seconds, Volts},
+    units::{Amps, Hertz, Ohms, Seconds, Volts},
 };
 
 use super::{
@@ -21,7 +21,10 @@ use super::{
 };
 use num_complex::Complex64;
 
-use crate::record::{capture_of, code_scale};
+use crate::{
+    clock::TypedClock,
+    record::{capture_of, code_scale},
+};
 use bench_plan::{
     measure::{
         HarmonicsAndDrift, SweepPoint,
@@ -32,7 +35,7 @@ use bench_plan::{
 };
 
 /// Time for the scope to fill its screen, s.
-const FILL_S: f64 = 0.05;
+const FILL_S: Seconds = Seconds(0.05);
 /// Standard deviations above which clocks count as different.
 const CERTAIN: f64 = 5.0;
 /// Phase turn of the fastest line over the record above which it is reported, and above which it
@@ -67,7 +70,7 @@ impl BandFit {
 pub fn fit_band(
     band: &Band,
     channels: [&[f64]; 4],
-    interval_s: f64,
+    interval_s: Seconds,
     changing: bool,
 ) -> Result<BandFit, ExecuteError> {
     fit_of(band, channels, interval_s, changing).map(|(fit, _)| BandFit::of(&fit))
@@ -76,13 +79,19 @@ pub fn fit_band(
 fn fit_of(
     band: &Band,
     channels: [&[f64]; 4],
-    interval_s: f64,
+    interval_s: Seconds,
     changing: bool,
 ) -> Result<(MultisineFit, Option<Change>), ExecuteError> {
     let fit = if changing {
-        analyse_changing(channels, interval_s, excited(band), Some(band.steps))
+        analyse_changing(
+            channels,
+            interval_s.value(),
+            excited(band),
+            Some(band.steps),
+        )
     } else {
-        analyse_played(channels, interval_s, excited(band), band.steps).map(|fit| (fit, None))
+        analyse_played(channels, interval_s.value(), excited(band), band.steps)
+            .map(|fit| (fit, None))
     };
     fit.map_err(|error| failed(band, error))
 }
@@ -91,13 +100,13 @@ fn fit_of(
 struct Rolled {
     waveforms: [Waveform; 4],
     /// Bench time of its middle, s.
-    middle_s: f64,
+    middle_s: Seconds,
 }
 
 /// Returns the lines of a band.
 fn excited(band: &Band) -> Excited<'_> {
     Excited {
-        base_hz: band.base_hz,
+        base_hz: band.base_hz.value(),
         harmonics: &band.design.harmonics,
     }
 }
@@ -107,9 +116,9 @@ impl Rig<'_> {
         let offset_v = self.offset_v(self.driving.bias.commanded_a);
         let wiring = &self.setup.wiring;
         let sine = Sine {
-            freq: Hertz(band.base_hz),
-            amplitude: Volts(wiring.command_v(band.peak_a).abs()),
-            offset: Volts(offset_v),
+            freq: band.base_hz,
+            amplitude: wiring.command_v(band.peak_a).abs(),
+            offset: offset_v,
         };
         let wave = Wave::named("eis", band.design.samples(band.steps), sine);
         let error = self.bench.error("generator");
@@ -141,7 +150,12 @@ impl Rig<'_> {
         let excited = excited(band);
         let (channels, interval_s) = (volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s);
         warnings.extend(self.judge_clocks(band, clock_offset(channels, interval_s, excited))?);
-        let (fit, change) = fit_of(band, channels, interval_s, self.driving.bias.is_on())?;
+        let (fit, change) = fit_of(
+            band,
+            channels,
+            Seconds(interval_s),
+            self.driving.bias.is_on(),
+        )?;
         warnings.extend(judge_images(&fit));
         warnings.extend(greatest(change.as_ref()).map(change_in_words));
         let commanded_a = band.design.amplitude * band.peak_a;
@@ -177,7 +191,7 @@ impl Rig<'_> {
         let last_degc = self.temperatures.last_degc;
         let conditions = self.driving.bias.conditions(rolled.middle_s, last_degc);
         let (time_s, volts_per_div) = (
-            self.clock.now_s(),
+            self.clock.now(),
             waveforms
                 .each_ref()
                 .map(|waveform| waveform.preamble.volts_per_div),
@@ -187,7 +201,7 @@ impl Rig<'_> {
             index: first + k,
             phasors: *phasors,
             volts_per_div,
-            free_freq_hz: phasors.freq_hz,
+            free_freq_hz: Hertz(phasors.freq_hz),
             residual_lag1: 0.0,
             harmonics_and_drift: HarmonicsAndDrift::default(),
             warnings: if k == 0 { warnings.clone() } else { Vec::new() },
@@ -223,7 +237,7 @@ impl Rig<'_> {
             .design
             .harmonics
             .last()
-            .map_or(0.0, |harmonic| *harmonic as f64 * band.base_hz);
+            .map_or(Hertz::ZERO, |harmonic| *harmonic as f64 * band.base_hz);
         let turn_rad = std::f64::consts::TAU * fastest_hz * band.span_s * offset.abs();
         let message = format!(
             "the generator's clock runs {:+.1} ± {:.1} ppm against the scope's: the fastest line \
@@ -244,34 +258,35 @@ impl Rig<'_> {
     }
 
     /// Checks that the channels at a line can belong to one loop.
-    fn check_loop(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
+    fn check_loop(&self, phasors: &ChannelPhasors, amplitude_a: Amps) -> Result<(), ExecuteError> {
         let request = LoopRequest {
             fixture: Fixture::Cell,
             shunt_ohm: self.setup.wiring.shunt.r_ohm,
-            amplitude_a,
+            amplitude_a: amplitude_a.value(),
             controls: &[],
         };
         find_channel_fault(phasors, &request).map_or(Ok(()), |ChannelFault { found, cause }| {
             Err(ExecuteError::Channels {
-                freq_hz: phasors.freq_hz,
+                freq_hz: Hertz(phasors.freq_hz),
                 found,
                 cause,
             })
         })
     }
 
-    fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
-        let met_a = (phasors.volts[1] - phasors.volts[0]).norm() / self.setup.wiring.shunt.r_ohm;
+    fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: Amps) -> Result<(), ExecuteError> {
+        let met_v = Volts((phasors.volts[1] - phasors.volts[0]).norm());
+        let met_a = met_v / Ohms(self.setup.wiring.shunt.r_ohm);
         if (met_a / amplitude_a - 1.0).abs() <= CURRENT_TOLERANCE {
             return Ok(());
         }
         Err(ExecuteError::Disobeyed {
             what: format!("current of the line at {} Hz", phasors.freq_hz),
             expected: format!(
-                "an amplitude of {amplitude_a:.4} A within {:.0} %",
+                "an amplitude of {amplitude_a:.4} within {:.0} %",
                 100.0 * CURRENT_TOLERANCE
             ),
-            met: format!("{met_a:.4} A"),
+            met: format!("{met_a:.4}"),
         })
     }
 }
@@ -357,7 +372,7 @@ impl Executor<'_> {
         let error = self.rig.bench.error("scope");
         let level = self.scope.out_of_reach();
         let scope = require(&mut self.rig.bench.instruments.scope, "scope")?;
-        let per_div = scope.capabilities().time_per_div(Seconds(band.span_s));
+        let per_div = scope.capabilities().time_per_div(band.span_s);
         let memory_points = band.memory_points;
         let intents = [
             Intent::Session { memory_points },
@@ -371,19 +386,19 @@ impl Executor<'_> {
         self.scope.memory_points = Some(memory_points);
         if self
             .rig
-            .falls_short(self.rig.clock.now_s() + band.span_s + FILL_S)
+            .falls_short(self.rig.clock.now() + band.span_s + FILL_S)
         {
             return Ok(None);
         }
         self.rig
             .wait_watching(band.span_s + FILL_S, "sine", Fixture::Cell)
             .await?;
-        let end_s = self.rig.clock.now_s();
+        let end_s = self.rig.clock.now();
         require(&mut self.rig.bench.instruments.scope, "scope")?
             .stop()
             .await
             .map_err(&error)?;
-        if self.rig.falls_short(self.rig.clock.now_s()) {
+        if self.rig.falls_short(self.rig.clock.now()) {
             return Ok(None);
         }
         let mut waveforms = Vec::with_capacity(4);
@@ -407,7 +422,12 @@ impl Executor<'_> {
             self.position.repeat,
             attempt + 1
         );
-        let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
+        let capture = capture_of(
+            label,
+            band.base_hz.value(),
+            (end_s - band.span_s).value(),
+            &waveforms,
+        );
         self.rig.recorder.write_capture(
             &run_folder::multisine_captures(self.position.repeat),
             &run_folder::band_capture(band.number, attempt),

@@ -7,16 +7,18 @@
 
 mod sweep_state;
 
-use instruments::{clock::TimeMode, fixture::Fixture};
+use instruments::{clock::TimeMode, fixture::Fixture, units::Seconds};
 
 use super::{ExecuteError, Executor, POLL_S, Rig};
 use bench_plan::{interlock::Reading, plan::SweepSettings};
+
+use crate::clock::TypedClock;
 pub(super) use sweep_state::{NextPoint, StartedPoint, SweepState, Tone};
 
 /// A command that was executed within this time counts from when it was sent, s.
-const PROMPT_S: f64 = 0.05;
+const PROMPT_S: Seconds = Seconds(0.05);
 /// Time that the scope needs after arming, beside a screen and a period for a record, s.
-const ARMED_S: f64 = 0.05;
+const ARMED_S: Seconds = Seconds(0.05);
 
 impl Rig<'_> {
     /// Checks whether points overlap. By default they overlap in real time only, because other
@@ -34,7 +36,7 @@ impl Rig<'_> {
         settings: &SweepSettings,
         fixture: Fixture,
     ) -> Result<(), ExecuteError> {
-        if self.overlaps(settings) && self.clock.now_s() - self.watching.watched_s < POLL_S {
+        if self.overlaps(settings) && self.clock.now() - self.watching.watched_s < POLL_S {
             Ok(())
         } else {
             self.timed_watch(fixture).await.map(|_| ())
@@ -42,16 +44,21 @@ impl Rig<'_> {
     }
 
     async fn timed_watch(&mut self, fixture: Fixture) -> Result<Reading, ExecuteError> {
-        let start_s = self.clock.now_s();
+        let start_s = self.clock.now();
         let reading = self.watch("sine", fixture).await?;
-        self.watching.took_s = self.clock.now_s() - start_s;
+        self.watching.took_s = self.clock.now() - start_s;
         Ok(reading)
     }
 
     /// Returns when the scope may be stopped for a point, bench s: the signal has settled, and the
     /// scope has been armed for long enough.
-    pub(super) fn settled_at_s(&self, tone: &Tone, driven_s: f64, screen_s: f64) -> f64 {
-        (driven_s + tone.wait_s).max(self.clock.now_s() + screen_s + 1.0 / tone.freq_hz + ARMED_S)
+    pub(super) fn settled_at_s(
+        &self,
+        tone: &Tone,
+        driven_s: Seconds,
+        screen_s: Seconds,
+    ) -> Seconds {
+        (driven_s + tone.wait_s).max(self.clock.now() + screen_s + 1.0 / tone.freq_hz + ARMED_S)
     }
 }
 
@@ -70,9 +77,9 @@ impl Executor<'_> {
             return Ok(());
         }
         self.rig.begin(fixture, &next.sine);
-        let told_s = self.rig.clock.now_s();
+        let told_s = self.rig.clock.now();
         self.rig.drive(&tone).await?;
-        let proven_s = self.rig.clock.now_s();
+        let proven_s = self.rig.clock.now();
         let since_s = if proven_s - told_s <= PROMPT_S {
             told_s
         } else {
@@ -85,24 +92,24 @@ impl Executor<'_> {
     /// Waits until a time, bench s, with readings at the usual rate, but never beyond that time.
     pub(super) async fn watch_until(
         &mut self,
-        end_s: f64,
+        end_s: Seconds,
         fixture: Fixture,
     ) -> Result<(), ExecuteError> {
         loop {
-            let left_s = end_s - self.rig.clock.now_s();
+            let left_s = end_s - self.rig.clock.now();
             // A reading takes time: one that would end too late is taken right after the wait.
             let poll_s = self.rig.poll_s();
             if left_s <= poll_s + self.rig.watching.took_s {
                 self.read_before(left_s, fixture).await?;
-                self.rig.clock.sleep_s(end_s - self.rig.clock.now_s()).await;
+                self.rig.clock.sleep_for(end_s - self.rig.clock.now()).await;
                 return Ok(());
             }
-            self.rig.clock.sleep_s(poll_s).await;
+            self.rig.clock.sleep_for(poll_s).await;
             let reading = self.rig.timed_watch(fixture).await?;
             self.rig
                 .watch_mean(
                     reading,
-                    end_s - self.rig.clock.now_s() - self.rig.watching.took_s,
+                    end_s - self.rig.clock.now() - self.rig.watching.took_s,
                 )
                 .await?;
         }
@@ -110,12 +117,15 @@ impl Executor<'_> {
 
     /// Takes a reading before the record, if there is time. After the last point no other point
     /// settles, during which a reading would take no extra time.
-    async fn read_before(&mut self, left_s: f64, fixture: Fixture) -> Result<(), ExecuteError> {
+    async fn read_before(&mut self, left_s: Seconds, fixture: Fixture) -> Result<(), ExecuteError> {
         let early_s = left_s - 2.0 * self.rig.watching.took_s - ARMED_S;
-        if self.sweep.next.is_some() || self.rig.watching.took_s <= 0.0 || early_s <= 0.0 {
+        if self.sweep.next.is_some()
+            || self.rig.watching.took_s <= Seconds::ZERO
+            || early_s <= Seconds::ZERO
+        {
             return Ok(());
         }
-        self.rig.clock.sleep_s(early_s).await;
+        self.rig.clock.sleep_for(early_s).await;
         self.rig.timed_watch(fixture).await.map(|_| ())
     }
 }

@@ -9,7 +9,7 @@ use instruments::{
 };
 
 use super::{ExecuteError, Executor, Rig, require};
-use crate::record::Event;
+use crate::{clock::TypedClock, record::Event};
 use bench_plan::plan::{Depth, Step, fixture_name};
 
 /// Number of readings whose mean is the zero of an ammeter: their noise counts as charge
@@ -17,7 +17,7 @@ use bench_plan::plan::{Depth, Step, fixture_name};
 const ZERO_READINGS: u32 = 4;
 /// Voltage below which a control stays with every output off, V: thermal voltages, and the zero
 /// error of a meter. Any cell shows more.
-const CONTROL_IDLE_V: f64 = 0.2;
+const CONTROL_IDLE_V: Volts = Volts(0.2);
 
 impl Rig<'_> {
     /// Records the set-point limits of a supply that accepts no voltage limit.
@@ -50,16 +50,18 @@ impl Rig<'_> {
 
     /// Returns the mean of some readings of the bipolar supply's ammeter, A, the first of which is
     /// `first_a`.
-    pub(super) async fn mean_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
+    pub(super) async fn mean_of_supply(&mut self, first_a: Amps) -> Result<Amps, ExecuteError> {
         let mut sum_a = first_a;
         for _ in 1..ZERO_READINGS {
             let error = self.bench.error("supply4q");
-            sum_a += require(&mut self.bench.instruments.supply4q, "supply4q")?
-                .measure()
-                .await
-                .map_err(error)?
-                .1
-                .value();
+            sum_a += Amps(
+                require(&mut self.bench.instruments.supply4q, "supply4q")?
+                    .measure()
+                    .await
+                    .map_err(error)?
+                    .1
+                    .value(),
+            );
         }
         Ok(sum_a / f64::from(ZERO_READINGS))
     }
@@ -69,7 +71,7 @@ impl Rig<'_> {
     pub(super) async fn refuse_a_cell(&mut self, what: &str) -> Result<(), ExecuteError> {
         let reading = self.read_supply4q().await?;
         self.recorder.reading("idle", &reading)?;
-        let volts = reading.voltage_v.unwrap_or(f64::NAN);
+        let volts = reading.voltage_v.unwrap_or(Volts::NAN);
         if volts.abs() <= CONTROL_IDLE_V {
             Ok(())
         } else {
@@ -82,7 +84,7 @@ impl Rig<'_> {
 
     pub(super) async fn power_down(&mut self) -> Result<(), ExecuteError> {
         self.driving.powered_a = None;
-        self.driving.bias.cut(self.clock.now_s());
+        self.driving.bias.cut(self.clock.now());
         Ok(self.bench.drive_off().await?)
     }
 }
@@ -104,13 +106,13 @@ impl Executor<'_> {
             return Ok(());
         };
         self.rig.driving.powered_a = Some(limit_a);
-        self.rig.driving.bias.cut(self.rig.clock.now_s());
-        (self.rig.driving.first_mean, self.rig.driving.mean_change_a) = (None, 0.0);
+        self.rig.driving.bias.cut(self.rig.clock.now());
+        (self.rig.driving.first_mean, self.rig.driving.mean_change_a) = (None, Amps::ZERO);
         self.power_up(
             fixture,
             &supply4q::Limits {
-                compliance: Volts(compliance_v),
-                current: Amps(limit_a),
+                compliance: compliance_v,
+                current: limit_a,
             },
             idle_a,
             depth,
@@ -122,7 +124,7 @@ impl Executor<'_> {
         &mut self,
         fixture: Fixture,
         limits: &supply4q::Limits,
-        allowed_a: f64,
+        allowed_a: Amps,
         depth: Option<Depth>,
     ) -> Result<(), ExecuteError> {
         if self.rig.setup.wiring.analog.is_some() {
@@ -131,10 +133,12 @@ impl Executor<'_> {
             self.deepen(depth).await?;
             self.rig.recorder.event(Event::OutputOn, OUTPUT_ON)?;
             let limit_a = limits.current.value();
-            return self.test_analog(fixture, limit_a, allowed_a, depth).await;
+            return self
+                .test_analog(fixture, Amps(limit_a), allowed_a, depth)
+                .await;
         }
         let error = self.rig.bench.error("generator");
-        let offset = Volts(self.rig.setup.wiring.command_offset_v);
+        let offset = self.rig.setup.wiring.command_offset_v;
         let generator = require(&mut self.rig.bench.instruments.generator, "generator")?;
         generator.output(false).await.map_err(&error)?;
         generator.quiet(offset).await.map_err(&error)?;
@@ -162,12 +166,12 @@ impl Executor<'_> {
             .watch("idle", fixture)
             .await?
             .current_a
-            .unwrap_or(0.0);
+            .unwrap_or(Amps::ZERO);
         if idle_a.abs() > allowed_a {
             return Err(ExecuteError::Disobeyed {
                 what: "bipolar supply with its command at zero".to_owned(),
-                expected: format!("less than {allowed_a} A"),
-                met: format!("{idle_a:.3} A: adjust wiring.command_offset"),
+                expected: format!("less than {allowed_a}"),
+                met: format!("{idle_a:.3}: adjust wiring.command_offset"),
             });
         }
         Ok(())

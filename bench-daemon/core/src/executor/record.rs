@@ -5,7 +5,11 @@ use analysis_signal::{
     sine::{self, Channel, ChannelFit, Distortion, FitOptions, LeftOut, Note, Record, SineFit},
     spectrum::ChannelPhasors,
 };
-use instruments::{fixture::Fixture, scope::Waveform};
+use instruments::{
+    fixture::Fixture,
+    scope::Waveform,
+    units::{Hertz, Seconds},
+};
 use num_complex::Complex64;
 
 use super::ExecuteError;
@@ -89,7 +93,10 @@ pub fn analyse(
         mains_hz,
         ..
     } = *request;
-    let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
+    let fail = |reason: String| ExecuteError::Signal {
+        freq_hz: Hertz(freq_hz),
+        reason,
+    };
     let interval_s = channel_record.interval_s;
     let record = Record {
         channels: &channel_record.channels,
@@ -158,11 +165,11 @@ pub fn analyse(
         index,
         phasors,
         volts_per_div: channel_record.volts_per_div,
-        free_freq_hz: free.freq_hz,
+        free_freq_hz: Hertz(free.freq_hz),
         residual_lag1,
         harmonics_and_drift,
         warnings,
-        time_s: 0.0,
+        time_s: Seconds::ZERO,
         captures: 1,
         rechecked: 0,
         spent: bench_plan::measure::Spent::default(),
@@ -193,7 +200,7 @@ pub fn check_channels(
     };
     find_channel_fault(&point.phasors, &request).map_or(Ok(()), |ChannelFault { found, cause }| {
         Err(ExecuteError::Channels {
-            freq_hz: point.phasors.freq_hz,
+            freq_hz: Hertz(point.phasors.freq_hz),
             found,
             cause,
         })

@@ -1,5 +1,4 @@
 //! Determines at which step an interrupted stage is resumed.
-
 use crate::journal::PointDone;
 use bench_plan::plan::{Stage, Step};
 
@@ -41,6 +40,7 @@ mod tests {
     use crate::test_plan::test_settings;
     use analysis_signal::spectrum::{ChannelPhasors, PhasorVariance};
     use bench_plan::{interlock::Reading, measure::SweepPoint, plan::Purpose};
+    use instruments::units::{Amps, Hertz, Seconds, Volts};
     use instruments::{fixture::Fixture, supply4q::Holds};
 
     fn done(step: usize) -> PointDone {
@@ -54,11 +54,11 @@ mod tests {
             index: step - 2,
             phasors,
             volts_per_div: [1.0; 4],
-            free_freq_hz: 1.0,
+            free_freq_hz: Hertz(1.0),
             residual_lag1: 0.0,
             harmonics_and_drift: bench_plan::measure::HarmonicsAndDrift::default(),
             warnings: Vec::new(),
-            time_s: 0.0,
+            time_s: Seconds(0.0),
             captures: 1,
             rechecked: 0,
             spent: bench_plan::measure::Spent::default(),
@@ -79,16 +79,16 @@ mod tests {
     fn what_is_finished_is_left_out_and_what_carries_the_rest_is_not() {
         let sine = |index| Step::Sine {
             index,
-            freq_hz: 1.0,
-            amplitude_a: 1.0,
-            wait_s: 12.0,
+            freq_hz: Hertz(1.0),
+            amplitude_a: Amps(1.0),
+            wait_s: Seconds(12.0),
             settings: test_settings(),
         };
         let up = Step::PowerUp {
-            compliance_v: 4.5,
-            limit_a: 2.0,
+            compliance_v: Volts(4.5),
+            limit_a: Amps(2.0),
             held: Holds::CurrentAndVoltage,
-            idle_a: 0.2,
+            idle_a: Amps(0.2),
             depth: None,
         };
         let steps = vec![

@@ -1,6 +1,9 @@
 //! The rig that executes a plan: the instruments, and the state for reading and judging them.
 
-use instruments::clock::Clock;
+use instruments::{
+    clock::Clock,
+    units::{Amps, Celsius, Seconds, Volts},
+};
 
 use super::{bias::BiasState, burst::Burst, setup::Setup};
 use crate::{
@@ -66,17 +69,17 @@ pub(super) struct Watching {
     /// Number of readings; every tenth includes a temperature.
     pub(super) polls: u32,
     /// Bench time of the last reading of the bipolar supply, s.
-    pub(super) watched_s: f64,
+    pub(super) watched_s: Seconds,
     /// Time of the last reading of the instruments that must carry no current, bench s.
-    pub(super) others_s: f64,
+    pub(super) others_s: Seconds,
     /// Number of the instrument whose settings were last read back.
     pub(super) looked: usize,
     /// Duration of the last reading of the bipolar supply, s.
-    pub(super) read_s: f64,
+    pub(super) read_s: Seconds,
     /// Duration of the last reading including all overhead, s.
-    pub(super) took_s: f64,
+    pub(super) took_s: Seconds,
     /// Last reading of the voltmeter at the jig, V.
-    pub(super) shown_v: Option<f64>,
+    pub(super) shown_v: Option<Volts>,
     /// Stop requests.
     pub(super) requests: Requests,
 }
@@ -85,15 +88,15 @@ impl Default for Watching {
     fn default() -> Self {
         Self {
             polls: 0,
-            watched_s: f64::NEG_INFINITY,
-            others_s: f64::NEG_INFINITY,
+            watched_s: Seconds::NEG_INFINITY,
+            others_s: Seconds::NEG_INFINITY,
             looked: 0,
-            read_s: 0.0,
-            took_s: 0.0,
+            read_s: Seconds::ZERO,
+            took_s: Seconds::ZERO,
             shown_v: None,
             requests: Requests {
                 ends_early: false,
-                looked_s: f64::NEG_INFINITY,
+                looked_s: Seconds::NEG_INFINITY,
             },
         }
     }
@@ -104,20 +107,20 @@ pub(super) struct Requests {
     /// Whether a request may end the present step before its end.
     pub(super) ends_early: bool,
     /// Time of the last check for such a request, bench s.
-    pub(super) looked_s: f64,
+    pub(super) looked_s: Seconds,
 }
 
 /// The cell's temperature, its logger and its bath.
 #[derive(Default)]
 pub(super) struct Temperatures {
     /// Last temperature of the cell, °C.
-    pub(super) last_degc: Option<f64>,
+    pub(super) last_degc: Option<Celsius>,
     /// Whether the logger's scan list was set; it scans nothing before.
     pub(super) logger_ready: bool,
     /// Whether the chiller was started here and must keep running.
     pub(super) chiller_runs: bool,
     /// Set-point of the bath, °C.
-    pub(super) setpoint_degc: Option<f64>,
+    pub(super) setpoint_degc: Option<Celsius>,
     /// The control loop of a bath that has none of its own.
     pub(super) thermostat: Option<Thermostat>,
 }
@@ -128,9 +131,9 @@ pub(super) struct FirstMean {
     /// Scales of the shunt's channels, V per division.
     pub(super) volts_per_div: [f64; 2],
     /// Mean of the current, A.
-    pub(super) zero_a: f64,
+    pub(super) zero_a: Amps,
     /// Mean relative to the zero of the channels, if that was measured, A.
-    pub(super) channels_a: Option<f64>,
+    pub(super) channels_a: Option<Amps>,
 }
 
 /// Drive of the cell since the last power-up.
@@ -139,11 +142,11 @@ pub(super) struct Driving {
     /// How long the generator's signal continues on its own.
     pub(super) burst: Burst,
     /// Current that the present power-up allows, A.
-    pub(super) powered_a: Option<f64>,
+    pub(super) powered_a: Option<Amps>,
     /// The first record since then, or on these scales.
     pub(super) first_mean: Option<FirstMean>,
     /// Change of the mean current since the first record, A.
-    pub(super) mean_change_a: f64,
+    pub(super) mean_change_a: Amps,
     /// Whether it was reported that the bipolar supply has no limits.
     pub(super) told: bool,
     /// Means of the channels without a current through a cell.
@@ -155,7 +158,7 @@ pub(super) struct Driving {
 }
 
 /// Seconds between two readings while current flows.
-pub(super) const POLL_S: f64 = 1.0;
+pub(super) const POLL_S: Seconds = Seconds(1.0);
 
 /// Returns the instrument of a role, or an error if the bench lacks it.
 pub(super) fn require<'b, T>(

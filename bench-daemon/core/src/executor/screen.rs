@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use instruments::{
     scope::{Capabilities, Intent, Trigger, Vertical, Waveform},
-    units::{Seconds, Volts},
+    units::{Hertz, Seconds, Volts},
 };
 
 use super::{ExecuteError, require};
@@ -33,7 +33,7 @@ pub(super) struct Screen {
     /// Memory depth that was last set.
     pub(super) memory_points: Option<u64>,
     /// Time at which the scope was last stopped, s.
-    pub(super) stopped_s: f64,
+    pub(super) stopped_s: Seconds,
     /// Time per division and trigger with which the scope was last armed.
     pub(super) armed: Option<(Seconds, Trigger)>,
 }
@@ -43,9 +43,9 @@ impl Default for Screen {
         Self {
             verticals: [None; 4],
             applied: [None; 4],
-            trigger_v: Volts(0.0),
+            trigger_v: Volts::ZERO,
             memory_points: None,
-            stopped_s: 0.0,
+            stopped_s: Seconds::ZERO,
             armed: None,
         }
     }
@@ -55,36 +55,40 @@ impl Screen {
     /// Discards the ranges after a change of the object in the jig.
     pub(super) fn forget(&mut self) {
         self.verticals = [None; 4];
-        self.trigger_v = Volts(0.0);
+        self.trigger_v = Volts::ZERO;
     }
 
     /// Sets the wanted scales, V per division, with the cell's voltage in the centre of channel 4.
-    pub(super) fn centre(&mut self, per_div_v: [f64; 4], cell_v: f64, scope: &Capabilities) {
+    pub(super) fn centre(&mut self, per_div_v: [Volts; 4], cell_v: Volts, scope: &Capabilities) {
         // The offset is the negative: the messages of earlier versions have a zero without a sign
         // for the channels of the shunt.
-        self.centre_on(per_div_v, [-0.0, -0.0, -0.0, cell_v], scope);
+        self.centre_on(
+            per_div_v,
+            [Volts(-0.0), Volts(-0.0), Volts(-0.0), cell_v],
+            scope,
+        );
     }
 
     /// Sets the wanted scales, V per division, with these voltages in the centres of the channels.
     pub(super) fn centre_on(
         &mut self,
-        per_div_v: [f64; 4],
-        middle_v: [f64; 4],
+        per_div_v: [Volts; 4],
+        middle_v: [Volts; 4],
         scope: &Capabilities,
     ) {
         for (index, channel) in (1..=4_u8).enumerate() {
-            let offset = Volts(-middle_v[index]);
+            let offset = -middle_v[index];
             self.verticals[index] = Some(Vertical {
                 channel,
-                per_div: scope.scale_for_offset(Volts(per_div_v[index]), offset),
+                per_div: scope.scale_for_offset(per_div_v[index], offset),
                 offset,
             });
         }
     }
 
     /// Sets the trigger to the mean of its channel.
-    pub(super) fn trigger_at(&mut self, means_v: [f64; 4]) {
-        self.trigger_v = Volts(means_v[usize::from(TRIGGER_CHANNEL) - 1]);
+    pub(super) fn trigger_at(&mut self, means_v: [Volts; 4]) {
+        self.trigger_v = means_v[usize::from(TRIGGER_CHANNEL) - 1];
     }
 
     /// Brings the mean of a channel's record into the centre of the channel on the same scale: under
@@ -123,7 +127,7 @@ impl Screen {
         bench: &mut Bench,
         span: Seconds,
         overlaps: bool,
-    ) -> Result<f64, ExecuteError> {
+    ) -> Result<Seconds, ExecuteError> {
         let trigger = Trigger {
             channel: TRIGGER_CHANNEL,
             level: self.trigger_v,
@@ -153,7 +157,7 @@ impl Screen {
             let role = "scope";
             return Err(ExecuteError::Meddled { role, met });
         }
-        Ok(per_div.value() * scope_divisions)
+        Ok(per_div * scope_divisions)
     }
 
     /// Returns a trigger level that no signal reaches, V: the scope is to roll.
@@ -165,17 +169,17 @@ impl Screen {
     /// that were set, equal for all channels.
     pub(super) fn check_frame(
         &self,
-        freq_hz: f64,
+        freq_hz: Hertz,
         waveforms: &[Waveform],
-        screen_s: f64,
+        screen_s: Seconds,
     ) -> Result<(), ExecuteError> {
         let fail = |reason: String| Err(ExecuteError::Signal { freq_hz, reason });
         for (waveform, applied) in waveforms.iter().zip(&self.applied) {
             let preamble = &waveform.preamble;
             let length_s = preamble.interval_s * preamble.points as f64;
-            if (length_s / screen_s - 1.0).abs() > FRAME_TOLERANCE {
+            if (length_s / screen_s.value() - 1.0).abs() > FRAME_TOLERANCE {
                 return fail(format!(
-                    "channel {}: expected a frame of {screen_s} s, found one of {length_s} s",
+                    "channel {}: expected a frame of {screen_s}, found one of {length_s} s",
                     waveform.channel
                 ));
             }

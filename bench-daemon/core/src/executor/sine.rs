@@ -5,7 +5,7 @@ use instruments::{
     fixture::Fixture,
     generator::Sine,
     scope::{Capabilities, Chosen, Waveform},
-    units::{Hertz, Seconds, Volts},
+    units::{Amps, Hertz, Seconds, Volts},
 };
 
 use super::{
@@ -17,7 +17,7 @@ use super::{
     require,
     watch::drawn,
 };
-use crate::record::CaptureFile;
+use crate::{clock::TypedClock, record::CaptureFile};
 use bench_plan::{
     measure::SweepPoint,
     plan::{MAX_RANGING, Step, SweepSettings, fixture_name},
@@ -31,11 +31,11 @@ impl Rig<'_> {
     /// Sets the generator so that the supply drives `amplitude_a`, for at least `wait_s`.
     pub(super) async fn drive(&mut self, tone: &Tone) -> Result<(), ExecuteError> {
         // The polarity of a sinusoid is its phase, which starts anywhere.
-        let amplitude = Volts(self.setup.wiring.command_v(tone.amplitude_a).abs());
+        let amplitude = self.setup.wiring.command_v(tone.amplitude_a).abs();
         let sine = Sine {
-            freq: Hertz(tone.freq_hz),
+            freq: tone.freq_hz,
             amplitude,
-            offset: Volts(self.offset_v(self.driving.bias.commanded_a)),
+            offset: self.offset_v(self.driving.bias.commanded_a),
         };
         let error = self.bench.error("generator");
         require(&mut self.bench.instruments.generator, "generator")?
@@ -72,16 +72,16 @@ impl Rig<'_> {
 
     /// Checks that the current follows the command: this detects a loose lead or a supply at its
     /// limits. Returns its amplitude, A.
-    fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<f64, ExecuteError> {
+    fn check_current(&self, point: &SweepPoint, amplitude_a: Amps) -> Result<Amps, ExecuteError> {
         let [first, second, _, _] = point.phasors.volts;
         let met_a = (second - first).norm() / self.setup.wiring.shunt.r_ohm;
         let (least_a, greatest_a) = ((1.0 - CURRENT_TOLERANCE) * amplitude_a, drawn(amplitude_a));
-        if (least_a..=greatest_a).contains(&met_a) {
-            return Ok(met_a);
+        if (least_a..=greatest_a).contains(&Amps(met_a)) {
+            return Ok(Amps(met_a));
         }
         Err(ExecuteError::Disobeyed {
             what: format!("current at {} Hz", point.phasors.freq_hz),
-            expected: format!("an amplitude from {least_a:.3} A to {greatest_a:.3} A"),
+            expected: format!("an amplitude from {least_a:.3} to {greatest_a:.3}"),
             met: format!("{met_a:.4} A"),
         })
     }
@@ -104,7 +104,7 @@ impl Executor<'_> {
         } = *step
         else {
             return Err(ExecuteError::Signal {
-                freq_hz: 0.0,
+                freq_hz: Hertz::ZERO,
                 reason: "not a sine step".to_owned(),
             });
         };
@@ -134,9 +134,9 @@ impl Executor<'_> {
                 self.rig.begin(fixture, step);
                 driven_s = match self.sweep.take_started(&tone) {
                     None if self.sweep.next.is_none()
-                        && self.rig.driving.burst.ends_s.is_infinite() =>
+                        && !self.rig.driving.burst.ends_s.is_finite() =>
                     {
-                        self.rig.clock.now_s()
+                        self.rig.clock.now()
                     }
                     _ => self.driven(fixture, &tone).await?,
                 };
@@ -153,21 +153,24 @@ impl Executor<'_> {
                     });
                 }
                 tracing::debug!(
-                    freq_hz,
+                    freq_hz = freq_hz.value(),
                     "a longer burst: the record would have outlasted it"
                 );
                 driven_s = self.driven(fixture, &tone).await?;
             };
             let length_s = waveforms[0].interval_s * waveforms[0].codes.len() as f64;
-            let (attempt_in_all, time_s) = (taken + attempt, self.scope.stopped_s - 0.5 * length_s);
+            let (attempt_in_all, time_s) = (
+                taken + attempt,
+                self.scope.stopped_s - Seconds(0.5 * length_s),
+            );
             let file = CaptureFile {
                 fixture,
                 repeat: self.position.repeat,
                 index,
                 attempt: attempt_in_all,
-                freq_hz,
-                amplitude_a,
-                start_s: self.rig.clock.now_s(),
+                freq_hz: freq_hz.value(),
+                amplitude_a: amplitude_a.value(),
+                start_s: self.rig.clock.now().value(),
             };
             self.rig.recorder.capture(&file, &waveforms)?;
             self.rig
@@ -191,9 +194,9 @@ impl Executor<'_> {
                 let request = PointRequest {
                     fixture,
                     index,
-                    freq_hz,
-                    mains_hz: settings.mains_hz,
-                    amplitude_a,
+                    freq_hz: freq_hz.value(),
+                    mains_hz: settings.mains_hz.map(Hertz::value),
+                    amplitude_a: amplitude_a.value(),
                     shunt_ohm: self.rig.setup.wiring.shunt.r_ohm,
                 };
                 let point = analyse(&request, &ChannelRecord::of(&waveforms), warnings)?;
@@ -228,30 +231,34 @@ impl Executor<'_> {
 
     /// As [`Rig::drive`], if the crests are allowed; returns the time from which it settles, bench
     /// s.
-    async fn driven(&mut self, fixture: Fixture, tone: &Tone) -> Result<f64, ExecuteError> {
+    async fn driven(&mut self, fixture: Fixture, tone: &Tone) -> Result<Seconds, ExecuteError> {
         self.headroom(fixture, tone.freq_hz, tone.amplitude_a)?;
         self.rig.drive(tone).await?;
-        Ok(self.rig.clock.now_s())
+        Ok(self.rig.clock.now())
     }
 
     /// Sets the configured scales, with the cell's voltage in the centre of channel 4.
     pub(super) async fn first_ranges(
         &mut self,
         fixture: Fixture,
-        amplitude_a: f64,
+        amplitude_a: Amps,
         scope: &Capabilities,
     ) -> Result<(), ExecuteError> {
         let cell_v = if fixture == Fixture::Cell {
-            self.rig.read_supply4q().await?.voltage_v.unwrap_or(0.0)
+            self.rig
+                .read_supply4q()
+                .await?
+                .voltage_v
+                .unwrap_or(Volts::ZERO)
         } else {
-            0.0
+            Volts::ZERO
         };
         let per_div_v = self
             .rig
             .setup
             .wiring
             .scale_per_ampere_v
-            .map(|scale_v| scale_v * amplitude_a);
+            .map(|scale_v| Volts(scale_v * amplitude_a.value()));
         self.scope.centre(per_div_v, cell_v, scope);
         Ok(())
     }
@@ -263,17 +270,17 @@ impl Executor<'_> {
         &mut self,
         settings: &SweepSettings,
         tone: &Tone,
-        driven_s: f64,
+        driven_s: Seconds,
         fixture: Fixture,
-    ) -> Result<Option<([Waveform; 4], Option<f64>)>, ExecuteError> {
+    ) -> Result<Option<([Waveform; 4], Option<Amps>)>, ExecuteError> {
         self.scope.apply(self.rig.bench).await?;
-        let span = Seconds(settings.periods_on_screen / tone.freq_hz);
+        let span = settings.periods_on_screen / tone.freq_hz;
         let overlaps = self.rig.overlaps(settings);
         let screen_s = self.scope.arm(self.rig.bench, span, overlaps).await?;
         let settled_at_s = if overlaps {
             self.rig.settled_at_s(tone, driven_s, screen_s)
         } else {
-            self.rig.clock.now_s() + tone.wait_s
+            self.rig.clock.now() + tone.wait_s
         };
         if self.rig.falls_short(settled_at_s) {
             return Ok(None);
@@ -296,7 +303,7 @@ impl Executor<'_> {
             .stop()
             .await
             .map_err(error)?;
-        self.scope.stopped_s = self.rig.clock.now_s();
+        self.scope.stopped_s = self.rig.clock.now();
         if self.rig.falls_short(self.scope.stopped_s) {
             return Ok(None);
         }

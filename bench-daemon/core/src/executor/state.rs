@@ -4,7 +4,10 @@ use std::sync::Arc;
 
 use analysis_files::dataset::LegRow;
 use analysis_signal::{calibration::Correction, multisine::Line};
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Celsius, Coulombs, Seconds, Volts},
+};
 
 use crate::{operator::Operator, operator::progress::Progress};
 use bench_plan::{
@@ -40,9 +43,9 @@ pub(super) struct Direct {
     /// Readings of the channels without a current.
     pub(super) zero: Option<Zero>,
     /// Charge that traces have left in the cell, C.
-    pub(super) charge_coulomb: f64,
+    pub(super) charge_coulomb: Coulombs,
     /// Reading of the bipolar supply's ammeter with its output off, A.
-    pub(super) ammeter_zero_a: f64,
+    pub(super) ammeter_zero_a: Amps,
     /// Current of the bipolar supply while its command is zero, in a map.
     pub(super) residual: Option<Residual>,
     /// The readings of the legs so far.
@@ -57,9 +60,9 @@ pub(super) struct Direct {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Residual {
     /// Current, A, charge positive.
-    pub(super) current_a: f64,
+    pub(super) current_a: Amps,
     /// Bench time from which it flows, s.
-    pub(super) since_s: f64,
+    pub(super) since_s: Seconds,
 }
 
 /// Knowledge of harness and cell beside the points.
@@ -78,9 +81,9 @@ pub struct Known {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Reset {
     /// Voltage after the rest, V, and whether it was steady.
-    pub(super) rested: Option<(f64, bool)>,
+    pub(super) rested: Option<(Volts, bool)>,
     /// Shift of the end of the next charge, V.
-    pub(super) shift_v: f64,
+    pub(super) shift_v: Volts,
     /// Whether the cell is at its target, so that nothing remains to be done.
     pub(super) accepted: bool,
 }
@@ -89,8 +92,8 @@ pub(super) struct Reset {
 #[derive(Default)]
 pub(super) struct Legs {
     pub(super) log: Option<Log>,
-    pub(super) start_s: f64,
-    pub(super) charge_coulomb: f64,
+    pub(super) start_s: Seconds,
+    pub(super) charge_coulomb: Coulombs,
     pub(super) rows: Vec<LegRow>,
 }
 
@@ -98,17 +101,17 @@ impl Legs {
     /// Stores a reading with its bench time; a charge current is positive.
     pub(super) fn push(
         &mut self,
-        time_s: f64,
-        voltage_v: f64,
-        current_a: f64,
-        last_degc: Option<f64>,
+        time_s: Seconds,
+        voltage_v: Volts,
+        current_a: Amps,
+        last_degc: Option<Celsius>,
     ) {
         self.rows.push(LegRow {
-            time_s: time_s - self.start_s,
-            current_a,
-            voltage_v,
-            temperature_degc: last_degc.unwrap_or(f64::NAN),
-            charge_coulomb: self.charge_coulomb,
+            time_s: (time_s - self.start_s).value(),
+            current_a: current_a.value(),
+            voltage_v: voltage_v.value(),
+            temperature_degc: last_degc.unwrap_or(Celsius::NAN).value(),
+            charge_coulomb: self.charge_coulomb.value(),
         });
     }
 }
@@ -117,19 +120,19 @@ impl Legs {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Zero {
     /// Channels 1…4, V.
-    pub(super) volts: [f64; 4],
+    pub(super) volts: [Volts; 4],
     /// Voltage at rest by the voltmeter, V.
-    pub(super) ocv_v: f64,
+    pub(super) ocv_v: Volts,
     /// Scatter of a reading of voltage and current, V and A.
     pub(super) scatter: (f64, f64),
     /// Temperature of the cell, °C.
-    pub(super) temperature_degc: Option<f64>,
+    pub(super) temperature_degc: Option<Celsius>,
 }
 
 /// Mean current by the scope.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Level {
-    pub(super) amps: f64,
+    pub(super) amps: Amps,
     /// Possible error of the zeros of the two channels, A.
-    pub(super) unsure_a: f64,
+    pub(super) unsure_a: Amps,
 }

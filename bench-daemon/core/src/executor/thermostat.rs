@@ -5,20 +5,22 @@
 //! too short for a relay accumulate until they are long enough. A pause separates heating from
 //! cooling. An invalid reading switches both off, and a reading that is too old is a fault.
 
+use instruments::units::{Celsius, Kelvins, Seconds};
+
 use bench_plan::config::Thermostat as Settings;
 
 /// Least time between two switchings of a relay, s.
-const LEAST_S: f64 = 2.0;
+const LEAST_S: Seconds = Seconds(2.0);
 /// Time for which both relays are off between heating and cooling, s.
-const REVERSAL_S: f64 = 60.0;
+const REVERSAL_S: Seconds = Seconds(60.0);
 /// Time at full power after which an unchanged sensor counts as faulty, s.
-const UNMOVED_S: f64 = 120.0;
+const UNMOVED_S: Seconds = Seconds(120.0);
 
 /// Action to take now.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action {
     /// Heat for this number of seconds, or cool if it is negative; zero switches both off.
-    Pulse(f64),
+    Pulse(Seconds),
     /// Permanently off, with the reason.
     Fault(Fault),
 }
@@ -27,21 +29,21 @@ pub enum Action {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Fault {
     /// The sensor has no plausible reading.
-    #[error("no plausible bath temperature for {age_s:.0} s")]
+    #[error("no plausible bath temperature for {age_s:.0}")]
     Stale {
         /// Age of the last plausible reading, s.
-        age_s: f64,
+        age_s: Seconds,
     },
     /// The sensor does not follow.
     #[error(
-        "the bath shows {celsius:.3} °C all the while, after {spent_s:.0} s of full power in one \
+        "the bath shows {celsius:.3} all the while, after {spent_s:.0} of full power in one \
         direction"
     )]
     Unmoved {
         /// Reading, °C.
-        celsius: f64,
+        celsius: Celsius,
         /// Seconds of full power.
-        spent_s: f64,
+        spent_s: Seconds,
     },
 }
 
@@ -49,61 +51,61 @@ pub enum Fault {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Thermostat {
     settings: Settings,
-    setpoint_degc: f64,
+    setpoint_degc: Celsius,
     /// Share of full power that is needed permanently.
     integral: f64,
     /// Accumulated time of pulses that were too short, s.
-    saved_s: f64,
-    due_s: f64,
+    saved_s: Seconds,
+    due_s: Seconds,
     /// Time of the last good reading, s.
-    good_s: f64,
+    good_s: Seconds,
     /// Sign and end of the last pulse.
-    last: (f64, f64),
+    last: (f64, Seconds),
     /// Reading at the last change, and the time of full power in one direction since then, s.
-    unmoved: (f64, f64),
+    unmoved: (Celsius, Seconds),
 }
 
 impl Thermostat {
     /// Creates a control loop that begins at bench time `now_s`.
-    pub fn new(settings: Settings, setpoint_degc: f64, now_s: f64) -> Self {
+    pub fn new(settings: Settings, setpoint_degc: Celsius, now_s: Seconds) -> Self {
         Self {
             settings,
             setpoint_degc,
             integral: 0.0,
-            saved_s: 0.0,
+            saved_s: Seconds::ZERO,
             due_s: now_s,
             good_s: now_s,
-            last: (0.0, f64::NEG_INFINITY),
-            unmoved: (f64::NAN, 0.0),
+            last: (0.0, Seconds::NEG_INFINITY),
+            unmoved: (Celsius::NAN, Seconds::ZERO),
         }
     }
 
     /// Changes the set-point of the loop.
-    pub fn set(&mut self, setpoint_degc: f64) {
+    pub fn set(&mut self, setpoint_degc: Celsius) {
         self.setpoint_degc = setpoint_degc;
     }
 
     /// Checks whether a window has passed, so that the bath must be read.
-    pub fn is_due(&self, now_s: f64) -> bool {
+    pub fn is_due(&self, now_s: Seconds) -> bool {
         now_s >= self.due_s
     }
 
     /// Returns the action for a reading of the sensor at `now_s`. `None` stands for an implausible
     /// reading.
-    pub fn step(&mut self, reading_degc: Option<f64>, now_s: f64) -> Action {
+    pub fn step(&mut self, reading_degc: Option<Celsius>, now_s: Seconds) -> Action {
         let window_s = self.settings.window_s;
         self.due_s = now_s + window_s;
         let Some(celsius) = reading_degc.filter(|celsius| celsius.is_finite()) else {
             let age_s = now_s - self.good_s;
-            self.saved_s = 0.0;
+            self.saved_s = Seconds::ZERO;
             return if age_s > self.settings.stale_s {
                 Action::Fault(Fault::Stale { age_s })
             } else {
-                Action::Pulse(0.0)
+                Action::Pulse(Seconds::ZERO)
             };
         };
         // The error did not persist during a gap between readings.
-        let passed_s = (now_s - self.good_s).clamp(0.0, window_s);
+        let passed_s = (now_s - self.good_s).clamp(Seconds::ZERO, window_s);
         self.good_s = now_s;
         let error_k = self.setpoint_degc - (celsius - self.settings.sensor_offset_k);
         let share = self.share(error_k, passed_s);
@@ -116,7 +118,7 @@ impl Thermostat {
 
     /// Returns the share of full power, −1 to 1. The integral does not change while the output is
     /// at its limit.
-    fn share(&mut self, error_k: f64, passed_s: f64) -> f64 {
+    fn share(&mut self, error_k: Kelvins, passed_s: Seconds) -> f64 {
         let proportional = error_k / self.settings.band_k;
         if (proportional + self.integral).abs() < 1.0 {
             self.integral = (self.integral + proportional * passed_s / self.settings.integral_s)
@@ -125,16 +127,17 @@ impl Thermostat {
         (proportional + self.integral).clamp(-1.0, 1.0)
     }
 
-    fn pulse(&mut self, share: f64, now_s: f64) -> f64 {
+    fn pulse(&mut self, share: f64, now_s: Seconds) -> Seconds {
         let window_s = self.settings.window_s;
         self.saved_s = (self.saved_s + share * window_s).clamp(-window_s, window_s);
-        let reverses = self.saved_s * self.last.0 < 0.0 && now_s < self.last.1 + REVERSAL_S;
+        let reverses =
+            self.saved_s * self.last.0 < Seconds::ZERO && now_s < self.last.1 + REVERSAL_S;
         if self.saved_s.abs() < LEAST_S || reverses {
-            return 0.0;
+            return Seconds::ZERO;
         }
         // A relay that would be off only briefly stays on.
         let pulse_s = if window_s - self.saved_s.abs() < LEAST_S {
-            window_s.copysign(self.saved_s)
+            Seconds(window_s.value().copysign(self.saved_s.value()))
         } else {
             self.saved_s
         };
@@ -145,19 +148,19 @@ impl Thermostat {
         } else {
             pulse_s
         };
-        self.last = (longer_s.signum(), now_s + longer_s.abs());
+        self.last = (longer_s.value().signum(), now_s + longer_s.abs());
         longer_s
     }
 
-    fn follows(&mut self, celsius: f64, pulse_s: f64) -> Option<Fault> {
+    fn follows(&mut self, celsius: Celsius, pulse_s: Seconds) -> Option<Fault> {
         let (shown_degc, spent_s) = self.unmoved;
         // Less than full power may just balance the losses of the bath: then a constant reading is
         // correct.
         if celsius != shown_degc
-            || spent_s * pulse_s < 0.0
+            || spent_s.value() * pulse_s.value() < 0.0
             || pulse_s.abs() < self.settings.window_s
         {
-            self.unmoved = (celsius, 0.0);
+            self.unmoved = (celsius, Seconds::ZERO);
             return None;
         }
         self.unmoved.1 += pulse_s;
@@ -171,27 +174,35 @@ mod tests {
     use super::*;
 
     const SETTINGS: Settings = Settings {
-        band_k: 0.5,
-        integral_s: 400.0,
-        window_s: 20.0,
-        stale_s: 60.0,
-        sensor_offset_k: 0.0,
+        band_k: Kelvins(0.5),
+        integral_s: Seconds(400.0),
+        window_s: Seconds(20.0),
+        stale_s: Seconds(60.0),
+        sensor_offset_k: Kelvins(0.0),
     };
 
     /// Simulates a bath that loses heat to the room, in steps of a second, read in sixteenths of a
     /// degree. Returns its greatest error after the first half hour, K.
     fn held(band_k: f64, ambient_degc: f64, (heater, cooler): (f64, f64)) -> f64 {
-        let mut thermostat = Thermostat::new(Settings { band_k, ..SETTINGS }, 25.0, 0.0);
+        let mut thermostat = Thermostat::new(
+            Settings {
+                band_k: Kelvins(band_k),
+                ..SETTINGS
+            },
+            Celsius(25.0),
+            Seconds(0.0),
+        );
         let (mut bath_degc, mut pulse, mut worst_k) = (ambient_degc, (0.0, 0.0), 0.0_f64);
         for second in 0..7200 {
             let now_s = f64::from(second);
-            if thermostat.is_due(now_s) {
-                let Action::Pulse(pulse_s) =
-                    thermostat.step(Some((bath_degc * 16.0).round() / 16.0), now_s)
-                else {
+            if thermostat.is_due(Seconds(now_s)) {
+                let Action::Pulse(pulse_s) = thermostat.step(
+                    Some(Celsius((bath_degc * 16.0).round() / 16.0)),
+                    Seconds(now_s),
+                ) else {
                     panic!("at {now_s} s")
                 };
-                pulse = (pulse_s, now_s + pulse_s.abs());
+                pulse = (pulse_s.value(), now_s + pulse_s.value().abs());
             }
             let on = if now_s < pulse.1 {
                 pulse.0.signum()
@@ -224,12 +235,21 @@ mod tests {
 
     #[test]
     fn a_reading_that_is_none_switches_off_at_once_and_an_old_one_is_a_fault() {
-        let mut thermostat = Thermostat::new(SETTINGS, 25.0, 0.0);
-        assert_eq!(thermostat.step(Some(20.0), 0.0), Action::Pulse(25.0));
-        assert!(!thermostat.is_due(19.0) && thermostat.is_due(20.0));
-        assert_eq!(thermostat.step(None, 20.0), Action::Pulse(0.0));
-        assert_eq!(thermostat.step(Some(f64::NAN), 40.0), Action::Pulse(0.0));
-        let Action::Fault(fault) = thermostat.step(None, 80.0) else {
+        let mut thermostat = Thermostat::new(SETTINGS, Celsius(25.0), Seconds(0.0));
+        assert_eq!(
+            thermostat.step(Some(Celsius(20.0)), Seconds(0.0)),
+            Action::Pulse(Seconds(25.0))
+        );
+        assert!(!thermostat.is_due(Seconds(19.0)) && thermostat.is_due(Seconds(20.0)));
+        assert_eq!(
+            thermostat.step(None, Seconds(20.0)),
+            Action::Pulse(Seconds::ZERO)
+        );
+        assert_eq!(
+            thermostat.step(Some(Celsius::NAN), Seconds(40.0)),
+            Action::Pulse(Seconds::ZERO)
+        );
+        let Action::Fault(fault) = thermostat.step(None, Seconds(80.0)) else {
             panic!("expected a fault")
         };
         assert_eq!(fault.to_string(), "no plausible bath temperature for 80 s");
@@ -237,12 +257,12 @@ mod tests {
 
     #[test]
     fn a_sensor_that_hangs_beside_the_bath_is_a_fault_before_the_bath_boils() {
-        let mut thermostat = Thermostat::new(SETTINGS, 25.0, 0.0);
+        let mut thermostat = Thermostat::new(SETTINGS, Celsius(25.0), Seconds(0.0));
         let end = (0..)
             .map(|window| {
                 (
                     window,
-                    thermostat.step(Some(22.0), 20.0 * f64::from(window)),
+                    thermostat.step(Some(Celsius(22.0)), Seconds(20.0 * f64::from(window))),
                 )
             })
             .find(|(_, action)| matches!(action, Action::Fault(_)));
@@ -260,33 +280,33 @@ mod tests {
     fn what_is_too_short_is_saved_up_and_heat_does_not_follow_cold() {
         let mut thermostat = Thermostat::new(
             Settings {
-                integral_s: 1.0e9,
+                integral_s: Seconds(1.0e9),
                 ..SETTINGS
             },
-            25.0,
-            0.0,
+            Celsius(25.0),
+            Seconds(0.0),
         );
         // Six hundredths of full power: 1.2 s in 20 s.
         let pulses: Vec<Action> = (0..4)
-            .map(|window| thermostat.step(Some(24.97), 20.0 * f64::from(window)))
+            .map(|window| thermostat.step(Some(Celsius(24.97)), Seconds(20.0 * f64::from(window))))
             .collect();
         let [first, second, ..] = pulses[..] else {
             panic!()
         };
-        assert_eq!(first, Action::Pulse(0.0));
+        assert_eq!(first, Action::Pulse(Seconds::ZERO));
         assert!(
-            matches!(second, Action::Pulse(pulse) if (pulse - 2.4).abs() < 1.0e-3),
+            matches!(second, Action::Pulse(pulse) if (pulse - Seconds(2.4)).abs() < Seconds(1.0e-3)),
             "{pulses:?}"
         );
         // Suddenly too warm: cooling does not begin within a minute.
         let after: Vec<Action> = (4..9)
-            .map(|window| thermostat.step(Some(25.3), 20.0 * f64::from(window)))
+            .map(|window| thermostat.step(Some(Celsius(25.3)), Seconds(20.0 * f64::from(window))))
             .collect();
-        assert_eq!(after[0], Action::Pulse(0.0));
+        assert_eq!(after[0], Action::Pulse(Seconds::ZERO));
         assert!(
             after
                 .iter()
-                .any(|action| matches!(action, Action::Pulse(pulse) if *pulse < 0.0)),
+                .any(|action| matches!(action, Action::Pulse(pulse) if *pulse < Seconds(0.0))),
             "{after:?}"
         );
     }

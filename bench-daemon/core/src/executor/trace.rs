@@ -15,7 +15,7 @@ use analysis_files::{
 use instruments::{
     fixture::Fixture,
     scope::{Intent, Trigger, Waveform},
-    units::{Seconds, Volts},
+    units::{Amps, Celsius, Coulombs, Hertz, Seconds, Volts},
 };
 
 use super::{
@@ -23,7 +23,7 @@ use super::{
     state::Zero,
     trace_rows::{Frames, Recorded, zeros},
 };
-use crate::record::capture_of;
+use crate::{clock::TypedClock, record::capture_of};
 use bench_plan::{
     interlock::{self, Reading},
     plan::{Frame, Level, Through, TracePlan},
@@ -32,28 +32,28 @@ use bench_plan::{
 /// Number of voltmeter readings whose mean is the voltage at rest.
 const REST_READINGS: usize = 10;
 /// Seconds between two readings of a resting cell.
-const REST_POLL_S: f64 = 10.0;
+const REST_POLL_S: Seconds = Seconds(10.0);
 /// The frame that shows the zeros.
 const ZERO_FRAME: Frame = Frame {
-    start_s: 0.0,
-    span_s: 1.0,
+    start_s: Seconds::ZERO,
+    span_s: Seconds(1.0),
     memory_points: 10_000,
     record_points: 10_000,
 };
 /// Time for the scope to fill its screen, s.
-const FILL_S: f64 = 0.05;
+const FILL_S: Seconds = Seconds(0.05);
 /// Time before an action of the trace in which no reading is started, s: it would delay the
 /// action.
-const QUIET_S: f64 = 0.4;
+const QUIET_S: Seconds = Seconds(0.4);
 /// Share of a frame that may clip: the loop's inductance responds to a step with a spike, which no
 /// row includes.
 const SPIKES: f64 = 1.0e-4;
 /// Share of a wave's frame that may clip; a wave has many steps.
 const WAVE_SPIKES: f64 = 0.02;
 /// Greatest deviation of the current from its command, as a share and in A.
-const FOLLOWS: (f64, f64) = (0.1, 0.3);
+const FOLLOWS: (f64, Amps) = (0.1, Amps(0.3));
 /// Least current for which the vertical scales are set, A.
-const LEAST_SCALE_A: f64 = 0.5;
+const LEAST_SCALE_A: Amps = Amps(0.5);
 
 /// Action at one time of a trace.
 #[derive(Debug, Clone, Copy)]
@@ -65,11 +65,11 @@ enum Action {
 
 impl Rig<'_> {
     /// Watches the cell while nothing flows.
-    pub(super) async fn pause(&mut self, span_s: f64) -> Result<(), ExecuteError> {
-        let end_s = self.clock.now_s() + span_s;
-        while self.clock.now_s() < end_s {
+    pub(super) async fn pause(&mut self, span_s: Seconds) -> Result<(), ExecuteError> {
+        let end_s = self.clock.now() + span_s;
+        while self.clock.now() < end_s {
             self.clock
-                .sleep_s(REST_POLL_S.min(end_s - self.clock.now_s()))
+                .sleep_for(REST_POLL_S.min(end_s - self.clock.now()))
                 .await;
             self.handle_request_within_step()?;
             self.glance("rest").await?;
@@ -85,7 +85,7 @@ impl Rig<'_> {
         let (volts, drawn_a) = self.load_volts().await?;
         let temperature_degc = self.temperature_now_and_then().await?;
         let reading = Reading {
-            time_s: self.clock.now_s(),
+            time_s: self.clock.now(),
             voltage_v: Some(volts),
             current_a: Some(-drawn_a),
             temperature_degc,
@@ -98,38 +98,38 @@ impl Rig<'_> {
     /// reading would delay the next one, every second reading may be postponed, but no more: a
     /// late step is recorded with its actual time, whereas a cell that is not watched may catch
     /// fire.
-    async fn wait_until(&mut self, until_s: f64) -> Result<(), ExecuteError> {
+    async fn wait_until(&mut self, until_s: Seconds) -> Result<(), ExecuteError> {
         loop {
             let (left_s, age_s) = (
-                until_s - self.clock.now_s(),
-                self.clock.now_s() - self.watching.watched_s,
+                until_s - self.clock.now(),
+                self.clock.now() - self.watching.watched_s,
             );
             if left_s <= POLL_S + QUIET_S {
                 if age_s >= 2.0 * POLL_S || (age_s >= POLL_S && left_s > QUIET_S) {
                     self.watch("trace", Fixture::Cell).await?;
                 }
-                self.clock.sleep_s(until_s - self.clock.now_s()).await;
+                self.clock.sleep_for(until_s - self.clock.now()).await;
                 return Ok(());
             }
-            self.clock.sleep_s(POLL_S).await;
+            self.clock.sleep_for(POLL_S).await;
             self.watch("trace", Fixture::Cell).await?;
         }
     }
 
     /// Returns the present voltage at the jig, V. A value that is not a number is an error,
     /// because no power follows from it.
-    async fn jig_volts(&mut self) -> Result<f64, ExecuteError> {
+    async fn jig_volts(&mut self) -> Result<Volts, ExecuteError> {
         Ok(self
             .watch("trace", Fixture::Cell)
             .await?
             .voltage_v
-            .unwrap_or(f64::INFINITY))
+            .unwrap_or(Volts::INFINITY))
     }
 
     /// Stops the scope; returns when, bench s.
-    pub(super) async fn freeze(&mut self) -> Result<f64, ExecuteError> {
+    pub(super) async fn freeze(&mut self) -> Result<Seconds, ExecuteError> {
         let error = self.bench.error("scope");
-        let end_s = self.clock.now_s();
+        let end_s = self.clock.now();
         require(&mut self.bench.instruments.scope, "scope")?
             .stop()
             .await
@@ -138,8 +138,8 @@ impl Rig<'_> {
     }
 
     /// Commands a direct current, A, charge positive.
-    pub(super) async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
-        let offset = Volts(self.offset_v(current_a));
+    pub(super) async fn command(&mut self, current_a: Amps) -> Result<(), ExecuteError> {
+        let offset = self.offset_v(current_a);
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.instruments.generator, "generator")?;
         Ok(generator.direct(offset).await.map_err(error)?)
@@ -153,16 +153,16 @@ impl Rig<'_> {
     ) -> Result<Recorded, ExecuteError> {
         for (row, level_a) in found.rows.iter_mut().zip(&found.levels_a) {
             let reading = Reading {
-                time_s: row.time_s,
-                voltage_v: Some(row.voltage_v),
-                current_a: Some(row.current_a),
+                time_s: Seconds(row.time_s),
+                voltage_v: Some(Volts(row.voltage_v)),
+                current_a: Some(Amps(row.current_a)),
                 temperature_degc: None,
             };
             if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
                 return Err(trip.into());
             }
-            obeys(&trace.name, *level_a, row)?;
-            row.temperature_degc = self.temperatures.last_degc.unwrap_or(f64::NAN);
+            obeys(&trace.name, Amps(*level_a), row)?;
+            row.temperature_degc = self.temperatures.last_degc.unwrap_or(Celsius::NAN).value();
         }
         // The existing rows were judged first: an exceeded limit outweighs an incomplete record.
         match &found.missing {
@@ -180,16 +180,16 @@ impl Executor<'_> {
         for _ in 0..REST_READINGS {
             let reading = self.rig.glance("rest").await?;
             resting.push((
-                reading.voltage_v.unwrap_or(f64::NAN),
-                reading.current_a.unwrap_or(f64::NAN),
+                reading.voltage_v.unwrap_or(Volts::NAN),
+                reading.current_a.unwrap_or(Amps::NAN),
             ));
         }
-        let ocv_v = resting.iter().map(|reading| reading.0).sum::<f64>() / REST_READINGS as f64;
+        let ocv_v = resting.iter().map(|reading| reading.0).sum::<Volts>() / REST_READINGS as f64;
         let temperature_degc = self.rig.cell_temperature().await?;
         self.rig.judge(
             "rest",
             Reading {
-                time_s: self.rig.clock.now_s(),
+                time_s: self.rig.clock.now(),
                 voltage_v: Some(ocv_v),
                 temperature_degc,
                 ..Reading::default()
@@ -203,17 +203,17 @@ impl Executor<'_> {
             }
             return Err(ExecuteError::Disobeyed {
                 what: format!("cell before trace {}", trace.name),
-                expected: format!("{low} V to {high} V at rest"),
-                met: format!("{ocv_v:.4} V"),
+                expected: format!("{low} to {high} at rest"),
+                met: format!("{ocv_v:.4}"),
             });
         }
         let scatter = (
-            scatter(resting.iter().map(|reading| reading.0)),
-            scatter(resting.iter().map(|reading| reading.1)),
+            scatter(resting.iter().map(|reading| reading.0.value())),
+            scatter(resting.iter().map(|reading| reading.1.value())),
         );
         if !trace.bipolar() {
             self.direct.zero = Some(Zero {
-                volts: [0.0; 4],
+                volts: [Volts::ZERO; 4],
                 ocv_v,
                 scatter,
                 temperature_degc,
@@ -222,7 +222,7 @@ impl Executor<'_> {
         }
         self.trace_ranges(trace, ocv_v);
         self.arm(&ZERO_FRAME).await?;
-        self.rig.clock.sleep_s(ZERO_FRAME.span_s + FILL_S).await;
+        self.rig.clock.sleep_for(ZERO_FRAME.span_s + FILL_S).await;
         let capture = self
             .fetch(&ZERO_FRAME, trace, run_folder::ZERO_FRAME)
             .await?;
@@ -234,7 +234,7 @@ impl Executor<'_> {
             ));
         };
         self.direct.zero = Some(Zero {
-            volts,
+            volts: volts.map(Volts),
             ocv_v,
             scatter,
             temperature_degc,
@@ -244,10 +244,10 @@ impl Executor<'_> {
 
     /// Leaves out the pulses of a point whose voltage at rest is not the one for which they are known
     /// to stay within the limits of the cell.
-    fn leave_out_pulses(&mut self, ocv_v: f64, band_v: RangeInclusive<f64>) {
+    fn leave_out_pulses(&mut self, ocv_v: Volts, band_v: RangeInclusive<Volts>) {
         let (low_v, high_v) = band_v.into_inner();
         let text = format!(
-            "pulses left out: expected {low_v} V to {high_v} V at rest, found {ocv_v:.4} V, from \
+            "pulses left out: expected {low_v} to {high_v} at rest, found {ocv_v:.4}, from \
             which they could exceed the limits of the cell"
         );
         let text = self.of_run(&text);
@@ -267,13 +267,15 @@ impl Executor<'_> {
         }
         match trace.through {
             Through::Bipolar => self.step_by_step(trace, zero).await,
-            Through::Wave { step_s, steps } => self.wave_trace(trace, zero, step_s, steps).await,
+            Through::Wave { step_s, steps } => {
+                self.wave_trace(trace, zero, step_s.value(), steps).await
+            }
             Through::LoadAndSupply => self.load_and_supply(trace, zero).await,
         }
     }
 
     async fn step_by_step(&mut self, trace: &TracePlan, zero: Zero) -> Result<(), ExecuteError> {
-        let mut actions: Vec<(f64, Action)> = trace
+        let mut actions: Vec<(Seconds, Action)> = trace
             .levels
             .iter()
             .map(|level| (level.at_s, Action::Level(*level)))
@@ -283,8 +285,8 @@ impl Executor<'_> {
             actions.push((frame.start_s + frame.span_s, Action::Fetch(*frame)));
         }
         actions.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let origin_s = self.rig.clock.now_s();
-        let mut commanded: Vec<(f64, f64)> = vec![(origin_s, 0.0)];
+        let origin_s = self.rig.clock.now();
+        let mut commanded: Vec<(f64, f64)> = vec![(origin_s.value(), 0.0)];
         let mut recorded = Recorded::default();
         let mut filled_s = origin_s;
         for (at_s, action) in actions {
@@ -292,7 +294,7 @@ impl Executor<'_> {
             match action {
                 Action::Arm(frame) => {
                     self.arm(&frame).await?;
-                    filled_s = self.rig.clock.now_s() + frame.span_s + FILL_S;
+                    filled_s = self.rig.clock.now() + frame.span_s + FILL_S;
                 }
                 Action::Level(level) => {
                     let current_a = if level.power_w.is_some() {
@@ -300,7 +302,7 @@ impl Executor<'_> {
                     } else {
                         level.current_a
                     };
-                    commanded.push((self.rig.clock.now_s(), current_a));
+                    commanded.push((self.rig.clock.now().value(), current_a.value()));
                     self.rig.command(current_a).await?;
                 }
                 Action::Fetch(frame) => {
@@ -323,7 +325,7 @@ impl Executor<'_> {
 
     /// Sets scales that hold the whole trace, with the cell's voltage at rest in the centre of
     /// channel 4.
-    fn trace_ranges(&mut self, trace: &TracePlan, ocv_v: f64) {
+    fn trace_ranges(&mut self, trace: &TracePlan, ocv_v: Volts) {
         let Some(scope) = self
             .rig
             .bench
@@ -339,7 +341,7 @@ impl Executor<'_> {
         let (down_v, up_v) = trace.drift_v(&self.rig.setup.limits);
         let scales = self.rig.setup.wiring.scale_per_ampere_v;
         let drift_v = 0.5 * up_v.max(-down_v);
-        let mut per_div_v = scales.map(|scale_v| scale_v * most_a);
+        let mut per_div_v = scales.map(|scale_v| Volts(scale_v * most_a.value()));
         per_div_v[3] += drift_v / scope.half_range_div;
         self.scope.centre(per_div_v, ocv_v, &scope);
     }
@@ -357,7 +359,7 @@ impl Executor<'_> {
                 .await
                 .map_err(&error)?;
         }
-        let per_div = scope.capabilities().time_per_div(Seconds(frame.span_s));
+        let per_div = scope.capabilities().time_per_div(frame.span_s);
         for intent in [
             Intent::Timebase(per_div),
             Intent::Trigger(Trigger { channel: 2, level }),
@@ -383,7 +385,7 @@ impl Executor<'_> {
     pub(super) async fn download(
         &mut self,
         frame: &Frame,
-        end_s: f64,
+        end_s: Seconds,
         trace: &TracePlan,
         name: &str,
     ) -> Result<Capture, ExecuteError> {
@@ -396,7 +398,7 @@ impl Executor<'_> {
                     .await
                     .map_err(&error)?,
             );
-            if self.rig.clock.now_s() - self.rig.watching.watched_s >= POLL_S {
+            if self.rig.clock.now() - self.rig.watching.watched_s >= POLL_S {
                 self.rig.watch("trace", Fixture::Cell).await?;
             }
         }
@@ -409,14 +411,13 @@ impl Executor<'_> {
             .try_into()
             .map_err(|_| fail("not four channels".to_owned()))?;
         let screen_s = require(&mut self.rig.bench.instruments.scope, "scope")?.capabilities();
-        let screen_s =
-            screen_s.time_per_div(Seconds(frame.span_s)).value() * screen_s.horizontal_div;
+        let screen_s = screen_s.time_per_div(frame.span_s) * screen_s.horizontal_div;
         self.scope
-            .check_frame(0.0, &waveforms, screen_s)
+            .check_frame(Hertz::ZERO, &waveforms, screen_s)
             .map_err(|refused| fail(refused.to_string()))?;
         let start_s = end_s - screen_s;
         let label = format!("trace {} repeat {} {name}", trace.name, trace.repeat);
-        let capture = capture_of(label, 0.0, start_s, &waveforms);
+        let capture = capture_of(label, 0.0, start_s.value(), &waveforms);
         self.rig.recorder.write_capture(
             &run_folder::trace_name(&trace.name, trace.repeat),
             name,
@@ -448,8 +449,8 @@ impl Executor<'_> {
             trace,
             correction: &self.known.correction,
             shunt_ohm,
-            zero_v: zero.volts,
-            ocv_v: zero.ocv_v,
+            zero_v: zero.volts.map(Volts::value),
+            ocv_v: zero.ocv_v.value(),
         }
     }
 
@@ -457,7 +458,7 @@ impl Executor<'_> {
         &mut self,
         trace: &TracePlan,
         zero: &Zero,
-        origin_s: f64,
+        origin_s: Seconds,
         recorded: Recorded,
         commanded: Option<Commanded>,
     ) -> Result<(), ExecuteError> {
@@ -473,10 +474,10 @@ impl Executor<'_> {
                 .map(|specimen| specimen.name.clone()),
             repeat: trace.repeat,
             order: self.rig.recorder.measured(),
-            start_time_s: origin_s,
-            start_ocv_v: zero.ocv_v,
-            charge_before_coulomb: self.direct.charge_coulomb,
-            temperature_degc: zero.temperature_degc,
+            start_time_s: origin_s.value(),
+            start_ocv_v: zero.ocv_v.value(),
+            charge_before_coulomb: self.direct.charge_coulomb.value(),
+            temperature_degc: zero.temperature_degc.map(Celsius::value),
             role: trace.role,
             repeat_group: self.position.specimen.as_ref().map_or_else(
                 || trace.repeat_group.clone(),
@@ -496,12 +497,11 @@ impl Executor<'_> {
 }
 
 /// Returns the charge that a trace has moved into the cell, C.
-pub fn charge_of(rows: &[TraceRow]) -> f64 {
-    rows.windows(2)
-        .map(|pair| {
-            0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)
-        })
-        .sum()
+pub fn charge_of(rows: &[TraceRow]) -> Coulombs {
+    let moved = rows.windows(2).map(|pair| {
+        0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)
+    });
+    Coulombs(moved.sum())
 }
 
 /// Returns the standard deviation of readings.
@@ -516,17 +516,17 @@ fn scatter(readings: impl Iterator<Item = f64> + Clone) -> f64 {
 }
 
 /// Checks that the current follows its command.
-fn obeys(trace: &str, level_a: f64, row: &TraceRow) -> Result<(), ExecuteError> {
+fn obeys(trace: &str, level_a: Amps, row: &TraceRow) -> Result<(), ExecuteError> {
     let TraceRow {
         time_s, current_a, ..
     } = *row;
     let (share, amps) = FOLLOWS;
-    if (current_a - level_a).abs() <= share * level_a.abs() + amps {
+    if (Amps(current_a) - level_a).abs() <= share * level_a.abs() + amps {
         return Ok(());
     }
     Err(disobeyed(
         trace,
-        &format!("{level_a} A"),
+        &format!("{level_a}"),
         &format!("{current_a:.4} A at {time_s:.3} s"),
     ))
 }

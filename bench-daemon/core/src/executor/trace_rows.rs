@@ -109,9 +109,9 @@ impl Frames<'_> {
             &windows,
             &Thinning {
                 settle_s: SETTLE_S,
-                first_s,
+                first_s: first_s.0,
                 growth,
-                longest_s,
+                longest_s: longest_s.0,
             },
         );
         let flowing_a = commanded

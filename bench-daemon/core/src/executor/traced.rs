@@ -2,23 +2,25 @@
 
 use std::{fmt::Display, future::Future};
 
-use instruments::clock::Clock;
+use instruments::{clock::Clock, units::Seconds};
 use tracing::{Instrument, Span, field::Empty, info_span};
 
 use bench_plan::plan::Step;
+
+use crate::clock::TypedClock;
 
 /// A span of bench time.
 pub struct Timed {
     span: Span,
     clock: Clock,
-    began_s: f64,
+    began_s: Seconds,
 }
 
 impl Timed {
     /// Creates a span that begins now.
     pub fn new(span: Span, clock: &Clock) -> Self {
-        let began_s = clock.now_s();
-        span.record("eis_bench.bench_time_s", began_s);
+        let began_s = clock.now();
+        span.record("eis_bench.bench_time_s", began_s.value());
         let clock = clock.clone();
         Self {
             span,
@@ -40,7 +42,10 @@ pub async fn within<T, E: Display>(
         began_s,
     } = timed;
     let outcome = work.instrument(span.clone()).await;
-    span.record("eis_bench.bench_duration_s", clock.now_s() - began_s);
+    span.record(
+        "eis_bench.bench_duration_s",
+        (clock.now() - began_s).value(),
+    );
     if let Err(error) = &outcome {
         span.record("otel.status_code", "ERROR");
         span.record("otel.status_description", error.to_string());
@@ -61,7 +66,7 @@ pub(super) fn step(step: &Step, clock: &Clock) -> Timed {
         eis_bench.bench_duration_s = Empty,
     );
     if let Step::Sine { freq_hz, .. } = step {
-        span.record("eis_bench.freq_hz", freq_hz);
+        span.record("eis_bench.freq_hz", freq_hz.value());
     }
     Timed::new(span, clock)
 }

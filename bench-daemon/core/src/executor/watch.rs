@@ -3,10 +3,14 @@
 
 use std::time::Duration;
 
-use instruments::{fixture::Fixture, link::LinkError};
+use instruments::{
+    fixture::Fixture,
+    link::LinkError,
+    units::{Amps, Celsius, Coulombs, Hertz, Seconds, Volts},
+};
 
 use super::{ExecuteError, POLL_S, Rig, require};
-use crate::{executor::thermostat::Action, watch::Envelope};
+use crate::{clock::TypedClock, executor::thermostat::Action, watch::Envelope};
 use bench_plan::{
     interlock::{Allowance, Drive, Limits, Mean, NO_CURRENT_A, Reading, ThermometerReadings, Trip},
     plan::{Flow, IDLE_CURRENT_A, Step},
@@ -22,7 +26,7 @@ const CAUSE: Duration = Duration::from_millis(500);
 /// Number of pairs that must agree before a mean trips.
 const PAIRS: usize = 2;
 /// Longest usual duration of a reading, s.
-const READ_S: f64 = 0.2;
+const READ_S: Seconds = Seconds(0.2);
 /// If a reading takes longer than this share of a period, its phase is unknown. With this
 /// uncertainty, the mean for an amplitude of 1 A may be off by a third of its limit.
 const UNSURE: f64 = 0.05;
@@ -37,14 +41,14 @@ pub(super) const LOAD_CURRENT: &str = Drive::Load.current();
 pub(super) const CHARGER_CURRENT: &str = Drive::Supply.current();
 /// Amplitude below which the swing of the cell's voltage may be lost between two digits of a
 /// voltmeter, A.
-const SEEN_A: f64 = 0.5;
+const SEEN_A: Amps = Amps(0.5);
 /// Charge that a counted discharge may draw, as a multiple of the planned one.
 const LONGER: f64 = 1.1;
 /// Distance below the voltage limit of a supply within which its current falls and the voltage
 /// stands still, V.
-const HELD_V: f64 = 0.1;
+const HELD_V: Volts = Volts(0.1);
 /// Distance of the supply's set voltage below the cell's greatest voltage, V.
-pub(super) const BELOW_GREATEST_V: f64 = 0.005;
+pub(super) const BELOW_GREATEST_V: Volts = Volts(0.005);
 
 impl Rig<'_> {
     /// Returns the limits of a step. Both the current and the charge that a step allows are far
@@ -75,7 +79,7 @@ impl Rig<'_> {
             ..idle
         };
         // The charge in a piece of copper is not judged.
-        let sweep_coulomb = |swing_coulomb: f64| {
+        let sweep_coulomb = |swing_coulomb: Coulombs| {
             if idle.cell {
                 let most = drift_coulomb + swing_coulomb + self.driving.bias.unsure_coulomb();
                 (-most, most)
@@ -126,16 +130,18 @@ impl Rig<'_> {
                     Flow::Rest => idle,
                 }
             }
-            Step::PowerUp { limit_a, .. } => {
-                live(cell.bounded(limit_a, limit_a), sweep_coulomb(0.0))
-            }
+            Step::PowerUp { limit_a, .. } => live(
+                cell.bounded(limit_a, limit_a),
+                sweep_coulomb(Coulombs::ZERO),
+            ),
             // Between power-up and power-down the charge accumulates. Half a period moves A/(πf).
             Step::Sine {
                 freq_hz,
                 amplitude_a,
                 ..
             } => {
-                let swing_coulomb = amplitude_a / (std::f64::consts::PI * freq_hz);
+                let swing_coulomb =
+                    Coulombs(amplitude_a.value() / (std::f64::consts::PI * freq_hz.value()));
                 let bias = &self.driving.bias;
                 let mean = mean(1.0 / freq_hz, amplitude_a).map(|mean| Mean {
                     around_a: bias.meter_a,
@@ -154,7 +160,8 @@ impl Rig<'_> {
                 }
             }
             Step::Multisine(ref band) => {
-                let swing_coulomb = band.peak_a / (std::f64::consts::PI * band.base_hz);
+                let swing_coulomb =
+                    Coulombs(band.peak_a.value() / (std::f64::consts::PI * band.base_hz.value()));
                 let slowest_hz = band.base_hz
                     * band
                         .design
@@ -188,7 +195,7 @@ impl Rig<'_> {
                         bias.from_a.min(bias.to_a).min(-IDLE_CURRENT_A),
                         bias.from_a.max(bias.to_a).max(IDLE_CURRENT_A),
                     ),
-                    sweep_coulomb(0.0),
+                    sweep_coulomb(Coulombs::ZERO),
                 )
             },
             Step::Recharge(ref recharge) => Allowance {
@@ -199,7 +206,7 @@ impl Rig<'_> {
                         recharge.current_a.min(-IDLE_CURRENT_A),
                         recharge.current_a.max(IDLE_CURRENT_A),
                     ),
-                    sweep_coulomb(0.0),
+                    sweep_coulomb(Coulombs::ZERO),
                 )
             },
             Step::PowerDown | Step::Recheck(_) => Allowance {
@@ -260,31 +267,31 @@ impl Rig<'_> {
                 _ => envelope,
             });
         }
-        self.interlock.begin(allowance, self.clock.machine_s());
+        self.interlock.begin(allowance, self.clock.machine());
     }
 
     /// Waits while reading and judging the bipolar supply; `phase` is recorded with the readings.
     pub(super) async fn wait_watching(
         &mut self,
-        seconds: f64,
+        seconds: Seconds,
         phase: &str,
         fixture: Fixture,
     ) -> Result<(), ExecuteError> {
-        let end_s = self.clock.now_s() + seconds;
+        let end_s = self.clock.now() + seconds;
         loop {
-            let left_s = end_s - self.clock.now_s();
-            if left_s <= 0.0 {
+            let left_s = end_s - self.clock.now();
+            if left_s <= Seconds::ZERO {
                 return Ok(());
             }
-            self.clock.sleep_s(left_s.min(self.poll_s())).await;
+            self.clock.sleep_for(left_s.min(self.poll_s())).await;
             let reading = self.watch(phase, fixture).await?;
-            self.watch_mean(reading, end_s - self.clock.now_s()).await?;
+            self.watch_mean(reading, end_s - self.clock.now()).await?;
         }
     }
 
     /// Returns the time until the next reading, s: a share of the period if a slow current is
     /// followed.
-    pub(super) fn poll_s(&self) -> f64 {
+    pub(super) fn poll_s(&self) -> Seconds {
         self.interlock
             .allowed_mean()
             .map_or(POLL_S, |mean| mean.poll_s().min(POLL_S))
@@ -297,7 +304,7 @@ impl Rig<'_> {
         fixture: Fixture,
     ) -> Result<Reading, ExecuteError> {
         let mut reading = self.read_supply4q().await?;
-        self.watching.watched_s = self.clock.now_s();
+        self.watching.watched_s = self.clock.now();
         self.recorder.reading(phase, &reading)?;
         if fixture != Fixture::Cell {
             // The cell lies beside the jig, possibly without its thermocouple.
@@ -306,7 +313,7 @@ impl Rig<'_> {
                 .filter(|celsius| celsius.is_finite());
         }
         self.interlock
-            .silent(self.clock.now_s() >= self.driving.burst.ends_s);
+            .silent(self.clock.now() >= self.driving.burst.ends_s);
         self.driving
             .burst
             .over(&reading, self.driving.bias.meter_a)?;
@@ -318,7 +325,7 @@ impl Rig<'_> {
         {
             self.interlock.lose_period();
         }
-        match self.interlock.judge(&reading, self.clock.machine_s()) {
+        match self.interlock.judge(&reading, self.clock.machine()) {
             Some(trip) => {
                 let trip = trip.because(self.cause().await);
                 Err(if fixture == Fixture::Cell {
@@ -438,7 +445,7 @@ impl Rig<'_> {
     pub(super) async fn watch_mean(
         &mut self,
         first: Reading,
-        left_s: f64,
+        left_s: Seconds,
     ) -> Result<(), ExecuteError> {
         let is_metered = self.bench.instruments.supply4q.is_some();
         let Some((mean, half_s)) = self
@@ -449,15 +456,15 @@ impl Rig<'_> {
         else {
             return Ok(());
         };
-        let end_s = self.clock.now_s() + left_s;
+        let end_s = self.clock.now() + left_s;
         let (mut one_a, mut one_s, mut one_took_s) = (
-            first.current_a.unwrap_or(f64::NAN),
+            first.current_a.unwrap_or(Amps::NAN),
             first.time_s,
             self.watching.read_s,
         );
         let mut trip = None;
         for _ in 0..PAIRS {
-            let next_s = self.clock.now_s() + one_took_s - one_s;
+            let next_s = self.clock.now() + one_took_s - one_s;
             // A delay by whole periods is equivalent.
             let due_s = one_s
                 + half_s
@@ -466,21 +473,21 @@ impl Rig<'_> {
                 return Ok(());
             }
             self.clock
-                .sleep_s((due_s - one_took_s - self.clock.now_s()).max(0.0))
+                .sleep_for((due_s - one_took_s - self.clock.now()).max(Seconds::ZERO))
                 .await;
             let error = self.bench.error("supply4q");
-            let asked_s = self.clock.now_s();
+            let asked_s = self.clock.now();
             let (_, other) = require(&mut self.bench.instruments.supply4q, "supply4q")?
                 .measure()
                 .await
                 .map_err(error)?;
-            let (other_s, took_s) = (self.clock.now_s(), self.clock.now_s() - asked_s);
+            let (other_s, took_s) = (self.clock.now(), self.clock.now() - asked_s);
             let unsure_s = (other_s - due_s).abs().max((took_s - one_took_s).abs());
-            trip = mean.judge_pair(0.5 * (one_a + other.value()), unsure_s, other_s);
+            trip = mean.judge_pair(0.5 * (one_a + other), unsure_s, other_s);
             if trip.is_none() {
                 return Ok(());
             }
-            (one_a, one_s, one_took_s) = (other.value(), other_s, took_s);
+            (one_a, one_s, one_took_s) = (other, other_s, took_s);
         }
         match trip {
             Some(trip) => Err(trip.because(self.cause().await).into()),
@@ -491,15 +498,15 @@ impl Rig<'_> {
     /// Reads voltage and current of the cell. Without a link the bipolar supply shows no current:
     /// the load's voltmeter is the only meter, and the scope's records show the current.
     pub(super) async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
-        let start_s = self.clock.now_s();
+        let start_s = self.clock.now();
         let (mut volts, amps) = if self.setup.wiring.analog.is_some() {
-            (f64::NAN, None)
+            (Volts::NAN, None)
         } else {
             let (volts, amps) = self.read_drive(Drive::Supply4q).await?;
             (volts, Some(amps))
         };
         // The current was queried last.
-        let time_s = self.clock.now_s();
+        let time_s = self.clock.now();
         self.watching.read_s = time_s - start_s;
         // The supply's meter includes the voltage drop of its leads; the load, with its input off,
         // is a voltmeter at the jig.
@@ -520,19 +527,12 @@ impl Rig<'_> {
     }
 
     /// Trips if a current flows through an instrument that is off.
-    pub(super) fn no_current(&self, what: &'static str, value: f64) -> Result<(), ExecuteError> {
-        if value.abs() <= NO_CURRENT_A {
+    pub(super) fn no_current(&self, what: &'static str, amps: Amps) -> Result<(), ExecuteError> {
+        if amps.abs() <= NO_CURRENT_A {
             return Ok(());
         }
-        Err(Trip::Limit {
-            what,
-            value,
-            unit: "A",
-            least: -NO_CURRENT_A,
-            greatest: NO_CURRENT_A,
-            time_s: self.clock.now_s(),
-        }
-        .into())
+        let allowed = -NO_CURRENT_A..=NO_CURRENT_A;
+        Err(Trip::limit(what, amps, &allowed, self.clock.now()).into())
     }
 
     /// Checks everything that could drive a current through the cell while none may flow. Each
@@ -552,7 +552,7 @@ impl Rig<'_> {
             self.judge(
                 phase,
                 Reading {
-                    time_s: self.clock.now_s(),
+                    time_s: self.clock.now(),
                     voltage_v: Some(volts),
                     temperature_degc,
                     ..Reading::default()
@@ -568,10 +568,10 @@ impl Rig<'_> {
     ///
     /// If there is a watch, it makes these checks instead.
     pub(super) async fn others_off(&mut self, used: &[&str]) -> Result<(), ExecuteError> {
-        if self.setup.watch.is_some() || self.clock.now_s() - self.watching.others_s < POLL_S {
+        if self.setup.watch.is_some() || self.clock.now() - self.watching.others_s < POLL_S {
             return Ok(());
         }
-        self.watching.others_s = self.clock.now_s();
+        self.watching.others_s = self.clock.now();
         for drive in Drive::ALL {
             if self.has_drive(drive) && !used.contains(&drive.role()) {
                 let (_, amps) = self.read_drive(drive).await?;
@@ -592,12 +592,12 @@ impl Rig<'_> {
 
     /// Reads voltage, V, and current, A, by a drive's own meter. A reading that the present step
     /// does not allow is repeated once, so that a single glitch of a meter does not decide.
-    pub(super) async fn read_drive(&mut self, drive: Drive) -> Result<(f64, f64), ExecuteError> {
+    pub(super) async fn read_drive(&mut self, drive: Drive) -> Result<(Volts, Amps), ExecuteError> {
         let envelope = Envelope::of(self.interlock.allowance());
         let limits = *self.interlock.limits();
         let reads_cell = drive.reads_cell(self.bench.instruments.load.is_some());
         let (least_a, greatest_a) = envelope.amps(drive);
-        let allowed = |(volts, amps): &(f64, f64)| {
+        let allowed = |(volts, amps): &(Volts, Amps)| {
             (least_a..=greatest_a).contains(amps)
                 && (!reads_cell || (limits.min_v..=limits.max_v).contains(volts))
         };
@@ -607,18 +607,21 @@ impl Rig<'_> {
             return Ok(first);
         }
         let again = self.bench.read(drive).await?.map_err(error)?;
-        tracing::info!("{}: read {first:?}, then {again:?} V and A", drive.role());
+        let (first, then) = (numbers(first), numbers(again));
+        tracing::info!("{}: read {first:?}, then {then:?} V and A", drive.role());
         Ok(again)
     }
 
     /// Reads the cell's temperature with every tenth reading, or earlier if the last one grows
     /// old.
-    pub(super) async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
+    pub(super) async fn temperature_now_and_then(
+        &mut self,
+    ) -> Result<Option<Celsius>, ExecuteError> {
         self.regulate().await?;
         self.check_stuck_meter().await?;
         self.watching.polls = self.watching.polls.wrapping_add(1);
         let due = self.watching.polls.is_multiple_of(TEMPERATURE_EVERY)
-            || self.interlock.wants_temperature(self.clock.machine_s());
+            || self.interlock.wants_temperature(self.clock.machine());
         if due {
             self.cell_temperature().await
         } else {
@@ -629,7 +632,7 @@ impl Rig<'_> {
     /// Reads the cell's temperature; returns nothing on a bench without a logger. An open
     /// thermocouple gives a reading that is not a number, and trips. A chiller that was started is
     /// queried at the same time whether it still runs, and its own sensor is judged.
-    pub(super) async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
+    pub(super) async fn cell_temperature(&mut self) -> Result<Option<Celsius>, ExecuteError> {
         self.regulate().await?;
         self.check_stuck_meter().await?;
         self.watch_chiller().await?;
@@ -643,9 +646,8 @@ impl Rig<'_> {
             self.temperatures.logger_ready = true;
         }
         let readings = logger.scan().await.map_err(error)?;
-        let [cell_degc, air_degc] =
-            [0, 1].map(|channel| Some(readings.get(channel).copied().flatten()?.value()));
-        self.temperatures.last_degc = Some(cell_degc.unwrap_or(f64::NAN));
+        let [cell_degc, air_degc] = [0, 1].map(|channel| readings.get(channel).copied().flatten());
+        self.temperatures.last_degc = Some(cell_degc.unwrap_or(Celsius::NAN));
         let bath_degc = self.cross_check_bath().await?;
         self.judge_thermometers(ThermometerReadings {
             cell_degc,
@@ -667,7 +669,7 @@ impl Rig<'_> {
             return Ok(());
         };
         let status = chiller.status().await.map_err(error)?;
-        match self.interlock.chiller(&status, self.clock.now_s()) {
+        match self.interlock.chiller(&status, self.clock.now()) {
             Some(trip) => Err(trip.into()),
             None => Ok(()),
         }
@@ -677,7 +679,7 @@ impl Rig<'_> {
     /// implausible reading counts as none. A board that does not answer, or whose relays do not
     /// follow, is an error.
     pub(super) async fn regulate(&mut self) -> Result<(), ExecuteError> {
-        let (error, now_s) = (self.bench.error("chiller"), self.clock.now_s());
+        let (error, now_s) = (self.bench.error("chiller"), self.clock.now());
         let Some(thermostat) = self
             .temperatures
             .thermostat
@@ -688,14 +690,14 @@ impl Rig<'_> {
         };
         let chiller = require(&mut self.bench.instruments.chiller, "chiller")?;
         let reading_degc = match chiller.temperature().await {
-            Ok(celsius) => Some(celsius.value()),
+            Ok(celsius) => Some(celsius),
             Err(LinkError::Unexpected { .. }) => None,
             Err(failed) => return Err(error(failed).into()),
         };
         self.recorder
             .bath(reading_degc, self.temperatures.setpoint_degc);
-        match thermostat.step(reading_degc, self.clock.now_s()) {
-            Action::Pulse(seconds) => chiller.pulse(seconds).await.map_err(error)?,
+        match thermostat.step(reading_degc, self.clock.now()) {
+            Action::Pulse(seconds) => chiller.pulse(seconds.value()).await.map_err(error)?,
             Action::Fault(fault) => {
                 chiller.pulse(0.0).await.map_err(error)?;
                 return Err(Trip::Chiller {
@@ -716,7 +718,7 @@ impl Rig<'_> {
     pub(super) fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
         self.handle_request_within_step()?;
         self.recorder.reading(phase, &reading)?;
-        match self.interlock.judge(&reading, self.clock.machine_s()) {
+        match self.interlock.judge(&reading, self.clock.machine()) {
             Some(trip) => Err(trip.into()),
             None => {
                 self.settle();
@@ -734,22 +736,30 @@ impl Rig<'_> {
     }
 }
 
+/// Returns a reading as bare numbers, for a log.
+fn numbers((volts, amps): (Volts, Amps)) -> (f64, f64) {
+    (volts.value(), amps.value())
+}
+
 /// Returns the largest meter reading for a requested current, A, including gain and zero error.
-pub(super) fn drawn(amps: f64) -> f64 {
+pub(super) fn drawn(amps: Amps) -> Amps {
     METER_GAIN * amps + NO_CURRENT_A
 }
 
 /// Returns the limits of readings while the requested current lies between two values, A.
-fn drawn_within(limits: &Limits, least_a: f64, greatest_a: f64) -> Limits {
-    limits.bounded(drawn(greatest_a.max(0.0)), drawn((-least_a).max(0.0)))
+fn drawn_within(limits: &Limits, least_a: Amps, greatest_a: Amps) -> Limits {
+    limits.bounded(
+        drawn(greatest_a.max(Amps::ZERO)),
+        drawn((-least_a).max(Amps::ZERO)),
+    )
 }
 
 /// Returns the allowed mean of a sinusoid: the zero errors of supply and meter, and a share of its
 /// amplitude.
-fn mean(period_s: f64, amplitude_a: f64) -> Option<Mean> {
+fn mean(period_s: Seconds, amplitude_a: Amps) -> Option<Mean> {
     Some(Mean {
         period_s,
-        around_a: 0.0,
+        around_a: Amps::ZERO,
         greatest_a: (METER_GAIN - 1.0) * amplitude_a + NO_CURRENT_A,
         amplitude_a: Some(amplitude_a),
     })
@@ -757,7 +767,7 @@ fn mean(period_s: f64, amplitude_a: f64) -> Option<Mean> {
 
 /// Returns the allowed mean of a multisine. Readings a second apart miss its faster lines, whose
 /// effective value is at most about half of the peak.
-fn multisine_mean(period_s: f64, peak_a: f64) -> Option<Mean> {
+fn multisine_mean(period_s: Seconds, peak_a: Amps) -> Option<Mean> {
     let missed_a = CERTAIN * 0.5 * peak_a * (POLL_S / period_s).sqrt();
     mean(period_s, peak_a).map(|mean| Mean {
         greatest_a: mean.greatest_a + missed_a,
@@ -768,6 +778,6 @@ fn multisine_mean(period_s: f64, peak_a: f64) -> Option<Mean> {
 
 /// Returns the period of a sinusoid whose readings must change, s, or `None` for a sinusoid that
 /// is too fast or too small.
-fn swing_s(freq_hz: f64, amplitude_a: f64) -> Option<f64> {
+fn swing_s(freq_hz: Hertz, amplitude_a: Amps) -> Option<Seconds> {
     (freq_hz * FOLLOWED * POLL_S <= 1.0 && amplitude_a >= SEEN_A).then_some(1.0 / freq_hz)
 }

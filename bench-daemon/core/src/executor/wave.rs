@@ -15,7 +15,7 @@ use analysis_signal::staircase::{Around, Stair, Sums, begins, chunks};
 use instruments::{
     fixture::Fixture,
     generator::{Sine, Wave},
-    units::{Hertz, Volts},
+    units::{Amps, Hertz, Joules, Seconds, Volts},
 };
 
 use super::{
@@ -25,6 +25,8 @@ use super::{
     trace_rows::{Frames, Recorded, SETTLE_S},
 };
 use bench_plan::{config::AFTER_WAVE_S, plan::TracePlan};
+
+use crate::clock::TypedClock;
 
 /// Time for the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;
@@ -58,9 +60,9 @@ impl Rig<'_> {
         let peak_a = currents
             .iter()
             .fold(f64::MIN_POSITIVE, |peak, amps| peak.max(amps.abs()));
-        let offset = Volts(wiring.command_offset_v);
-        let peak_v = wiring.command_v(peak_a);
-        let (amplitude, polarity) = (Volts(peak_v.abs()), peak_v.signum());
+        let offset = wiring.command_offset_v;
+        let peak_v = wiring.command_v(Amps(peak_a));
+        let (amplitude, polarity) = (peak_v.abs(), peak_v.0.signum());
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.instruments.generator, "generator")?;
         let grid_hz = generator.capabilities().freq_step.value();
@@ -80,7 +82,7 @@ impl Rig<'_> {
         generator.wave(&wave).await.map_err(&error)?;
         self.no_burst();
         let refused = self.driving.burst.refused;
-        self.begin_periods(freq_hz, 1.0).await?;
+        self.begin_periods(Hertz(freq_hz), 1.0).await?;
         if self.driving.burst.refused != refused {
             // The wave has continued in the meantime and is restarted.
             let generator = require(&mut self.bench.instruments.generator, "generator")?;
@@ -97,7 +99,7 @@ impl Rig<'_> {
         zero: &Zero,
         rows: &[TraceRow],
     ) -> Result<(), ExecuteError> {
-        let asked_j: f64 = trace
+        let asked_j: Joules = trace
             .levels
             .windows(2)
             .filter_map(|pair| Some(pair[0].power_w? * (pair[1].at_s - pair[0].at_s)))
@@ -114,8 +116,8 @@ impl Rig<'_> {
             .sum();
         self.recorder.warning(&format!(
             "trace {}: powers were converted to currents at the {:.4} V at rest, because a wave \
-            cannot follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were requested",
-            trace.name, zero.ocv_v
+            cannot follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} were requested",
+            trace.name, zero.ocv_v.0
         ));
         Ok(())
     }
@@ -133,28 +135,28 @@ impl Executor<'_> {
             return Err(disobeyed(&trace.name, "a frame", "none"));
         };
         let over_s = trace.end_s + AFTER_WAVE_S;
-        let currents = currents(trace, planned_s, zero.ocv_v);
+        let currents = currents(trace, planned_s, zero.ocv_v.0);
         self.arm(&frame).await?;
         // The screen is longer than the wave; the excess passes before the wave.
         self.rig
             .wait_watching(
-                (frame.span_s - over_s).max(0.0) + FILL_S,
+                (frame.span_s - over_s).max(Seconds::ZERO) + Seconds(FILL_S),
                 "trace",
                 Fixture::Cell,
             )
             .await?;
         let step_s = self.rig.play_trace(&currents, planned_s, steps).await?;
-        let began_s = self.rig.clock.now_s();
+        let began_s = self.rig.clock.now();
         // No reading in the last second: nothing may delay the end of the wave.
         self.rig
-            .wait_watching((over_s - POLL_S).max(0.0), "trace", Fixture::Cell)
+            .wait_watching((over_s - POLL_S).max(Seconds::ZERO), "trace", Fixture::Cell)
             .await?;
         self.rig
             .clock
-            .sleep_s((began_s + over_s - self.rig.clock.now_s()).max(0.0))
+            .sleep_for((began_s + over_s - self.rig.clock.now()).max(Seconds::ZERO))
             .await;
         let frozen_s = self.rig.freeze().await?;
-        let offset = Volts(self.rig.setup.wiring.command_offset_v);
+        let offset = self.rig.setup.wiring.command_offset_v;
         let error = self.rig.bench.error("generator");
         require(&mut self.rig.bench.instruments.generator, "generator")?
             .quiet(offset)
@@ -163,22 +165,22 @@ impl Executor<'_> {
         self.rig.no_burst();
         once(
             &trace.name,
-            self.rig.clock.now_s() - began_s,
+            (self.rig.clock.now() - began_s).0,
             step_s * steps as f64,
         )?;
         let capture = self.download(&frame, frozen_s, trace, "wave").await?;
         let (origin_s, found) = self
             .frames(trace, &zero)
-            .of_wave(&capture, began_s, step_s, planned_s);
+            .of_wave(&capture, began_s.0, step_s, planned_s);
         let recorded = self.rig.judged(trace, found)?;
         self.rig.tell_energy(trace, &zero, &recorded.rows)?;
         self.finish_trace(
             trace,
             &zero,
-            origin_s,
+            Seconds(origin_s),
             recorded,
             Some(Commanded::Wave {
-                sent_s: began_s,
+                sent_s: began_s.0,
                 step_s,
             }),
         )
@@ -242,8 +244,11 @@ impl Frames<'_> {
         // The rest after the last step belongs to the trace itself.
         let own = values
             .len()
-            .max(((self.trace.end_s / place.step_s).round()) as usize);
-        values.resize(own + (TAIL * AFTER_WAVE_S / place.step_s) as usize, 0.0);
+            .max(((self.trace.end_s.value() / place.step_s).round()) as usize);
+        values.resize(
+            own + (TAIL * AFTER_WAVE_S.value() / place.step_s) as usize,
+            0.0,
+        );
         let still = values.iter().take_while(|amps| **amps == 0.0).count();
         let (_, growth, longest_s) = self.trace.thinning;
         let settle_s = SETTLE_S.min(SETTLE * place.step_s);
@@ -252,7 +257,7 @@ impl Frames<'_> {
             squares: self.scatter_before(capture, place, currents),
             ..Recorded::default()
         };
-        for chunk in chunks(&values, growth, (longest_s / place.step_s) as usize) {
+        for chunk in chunks(&values, growth, (longest_s.value() / place.step_s) as usize) {
             let from_s = place.begin_s + chunk.from as f64 * place.step_s + settle_s;
             let to_s = place.begin_s + chunk.to as f64 * place.step_s - GUARD * place.step_s;
             let means: Vec<(f64, usize)> = sums
@@ -332,9 +337,9 @@ fn once(trace: &str, passed_s: f64, period_s: f64) -> Result<(), ExecuteError> {
 /// Returns the current of each step up to the last change, A, of a power at a voltage.
 fn currents(trace: &TracePlan, step_s: f64, volts: f64) -> Vec<f64> {
     let place = |at_s: f64| (at_s / step_s).round() as usize;
-    let mut currents = vec![0.0; trace.levels.first().map_or(0, |level| place(level.at_s))];
+    let mut currents = vec![0.0; trace.levels.first().map_or(0, |level| place(level.at_s.0))];
     for pair in trace.levels.windows(2) {
-        currents.resize(place(pair[1].at_s), pair[0].at_a(volts));
+        currents.resize(place((pair[1].at_s).0), pair[0].at_a(Volts(volts)).value());
     }
     currents
 }

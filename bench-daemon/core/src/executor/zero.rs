@@ -3,7 +3,11 @@
 //! change between records shows it; compared with this zero, the first record shows it.
 
 use analysis_files::dataset::Capture;
-use instruments::{fixture::Fixture, scope::Waveform};
+use instruments::{
+    fixture::Fixture,
+    scope::Waveform,
+    units::{Amps, Ohms, Seconds, Volts},
+};
 
 use super::{
     ExecuteError, Executor, Rig,
@@ -20,9 +24,9 @@ use bench_plan::{
 };
 
 /// Length of a record of the zero, s: ten periods of a mains of 50 Hz, twelve of 60 Hz.
-const ZERO_S: f64 = 0.2;
+const ZERO_S: Seconds = Seconds(0.2);
 /// Time for the scope to fill its screen, s.
-const FILL_S: f64 = 0.05;
+const FILL_S: Seconds = Seconds(0.05);
 
 /// One channel of a record.
 struct ChannelSamples {
@@ -61,14 +65,14 @@ fn means_of(channels: &[ChannelSamples; 3], periods_per_sample: f64) -> Option<C
         volts_per_div: channels.each_ref().map(|channel| channel.volts_per_div),
         volts: channels
             .each_ref()
-            .map(|channel| mean(whole_periods(&channel.volts, periods_per_sample))),
+            .map(|channel| Volts(mean(whole_periods(&channel.volts, periods_per_sample)))),
     })
 }
 
 fn means_of_record(asked: &Drawn<'_>) -> Option<ChannelMeans> {
     let [below, above, low, _] = asked.waveforms;
     let channels = [below, above, low].map(ChannelSamples::of);
-    means_of(&channels, below.interval_s * asked.freq_hz)
+    means_of(&channels, below.interval_s * asked.freq_hz.value())
 }
 
 impl Rig<'_> {
@@ -78,7 +82,7 @@ impl Rig<'_> {
         &mut self,
         fixture: Fixture,
         asked: &Drawn<'_>,
-        mean_a: f64,
+        mean_a: Amps,
     ) -> FirstMean {
         let [below, above, ..] = asked.waveforms;
         let volts_per_div = [below, above].map(|waveform| waveform.preamble.volts_per_div);
@@ -97,7 +101,7 @@ impl Rig<'_> {
         let Some((means, zero)) = means.zip(zero) else {
             return by_itself;
         };
-        let zero_a = (zero.volts[1] - zero.volts[0]) / self.setup.wiring.shunt.r_ohm;
+        let zero_a = (zero.volts[1] - zero.volts[0]) / Ohms(self.setup.wiring.shunt.r_ohm);
         let change_a = mean_a - zero_a;
         if change_a.abs() > allowed_since_zero_a(asked.amplitude_a)
             && zero.volts_per_div == means.volts_per_div
@@ -107,7 +111,7 @@ impl Rig<'_> {
             self.recorder.warning(&format!(
                 "the zero of C1 and C2 moved by {:.2} mV since it was measured; C3 shows no direct \
                 current",
-                1.0e3 * change_a * self.setup.wiring.shunt.r_ohm
+                1.0e3 * change_a.value() * self.setup.wiring.shunt.r_ohm
             ));
             return by_itself;
         }
@@ -119,11 +123,11 @@ impl Rig<'_> {
 
     /// Checks whether C3 shows less than half of a direct current: it measures shunt and return
     /// wire, so a direct current shifts its mean as the sinusoid shifts its samples.
-    fn denies_current(&self, asked: &Drawn<'_>, change_a: f64, moved_v: f64) -> bool {
+    fn denies_current(&self, asked: &Drawn<'_>, change_a: Amps, moved_v: Volts) -> bool {
         let [below, above, low, _] = asked.waveforms;
         let shunt_v = effective(&difference(above, below));
         let tap_v = effective(&channel_volts(low));
-        let below_ohm = self.setup.wiring.shunt.r_ohm * tap_v / shunt_v;
+        let below_ohm = Ohms(self.setup.wiring.shunt.r_ohm * tap_v / shunt_v);
         (moved_v / below_ohm).abs() < 0.5 * change_a.abs()
     }
 
@@ -163,7 +167,7 @@ impl Rig<'_> {
         asked: &Drawn<'_>,
     ) -> Result<(), ExecuteError> {
         let codes = asked.waveforms.each_ref().map(|one| one.codes.as_slice());
-        let name = format!("{} at {} Hz", fixture_name(fixture), asked.freq_hz);
+        let name = format!("{} at {} Hz", fixture_name(fixture), asked.freq_hz.0);
         let earlier = self.driving.records.remember(digest_record(codes), name);
         earlier.map_or(Ok(()), |earlier| {
             Err(ExecuteError::Repeated {
@@ -208,7 +212,7 @@ impl Executor<'_> {
     ) -> Result<Vec<Waveform>, ExecuteError> {
         let memory_points = self.scope.memory_points.unwrap_or(record_points);
         self.arm(&Frame {
-            start_s: 0.0,
+            start_s: Seconds::ZERO,
             span_s: ZERO_S,
             memory_points,
             record_points,

@@ -7,6 +7,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use instruments::units::Seconds;
+
 use crate::journal::{Entry, InstrumentIdentity, Line, Note, PointDone, Started};
 use bench_plan::plan::{AfterCrash, Plan, Purpose, Stage, Step};
 
@@ -14,7 +16,7 @@ use bench_plan::plan::{AfterCrash, Plan, Purpose, Stage, Step};
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StageReplay {
     /// Bench time of its first start, s.
-    pub began_s: f64,
+    pub began_s: Seconds,
     /// Its finished points, by their step.
     pub points: BTreeMap<usize, PointDone>,
     /// Steps that have begun since the stage last began.
@@ -31,7 +33,7 @@ pub struct JournalReplay {
     /// First entry of the run.
     pub started: Started,
     /// Bench time of the last entry, s.
-    pub last_s: f64,
+    pub last_s: Seconds,
     /// The instruments that it began with, or those that were last accepted.
     pub instruments: Vec<InstrumentIdentity>,
     /// Its stages that have begun.
@@ -169,7 +171,7 @@ impl JournalReplay {
             Entry::Instruments(found) => self.instruments.clone_from(found),
             Entry::Note(note) => self.notes.push(note.clone()),
             Entry::Charge { charge_coulomb } => {
-                self.charge.counted = Some((*charge_coulomb, line.time_s));
+                self.charge.counted = Some((charge_coulomb.0, line.time_s.0));
             }
             Entry::Ended { how } => self.ended = Some(how.clone()),
             Entry::Started(_)
@@ -306,38 +308,39 @@ mod tests {
     use super::*;
     use crate::test_plan::{test_settings, test_trace};
     use bench_plan::plan::{Flow, Leg, Log};
+    use instruments::units::{Amps, Coulombs, Hertz, Ohms, Volts};
     use instruments::{fixture::Fixture, supply4q::Holds};
 
     const DISCHARGE: Step = Step::Discharge {
-        current_a: 5.0,
-        until_v: 3.5,
-        max_s: 60.0,
+        current_a: Amps(5.0),
+        until_v: Volts(3.5),
+        max_s: Seconds(60.0),
     };
     const CHARGE: Step = Step::Charge {
-        current_a: 3.0,
-        limit_v: 4.2,
-        until_v: 3.8,
-        max_s: 60.0,
+        current_a: Amps(3.0),
+        limit_v: Volts(4.2),
+        until_v: Volts(3.8),
+        max_s: Seconds(60.0),
     };
     const REST: Step = Step::Rest {
-        min_s: 1.0,
-        max_s: 2.0,
+        min_s: Seconds(1.0),
+        max_s: Seconds(2.0),
         slope_v_per_s: 1.0e-6,
     };
     const UP: Step = Step::PowerUp {
-        compliance_v: 4.5,
-        limit_a: 2.0,
+        compliance_v: Volts(4.5),
+        limit_a: Amps(2.0),
         held: Holds::CurrentAndVoltage,
-        idle_a: 0.2,
+        idle_a: Amps(0.2),
         depth: None,
     };
 
     fn sine(index: usize) -> Step {
         Step::Sine {
             index,
-            freq_hz: 1.0,
-            amplitude_a: 1.0,
-            wait_s: 12.0,
+            freq_hz: Hertz(1.0),
+            amplitude_a: Amps(1.0),
+            wait_s: Seconds(12.0),
             settings: test_settings(),
         }
     }
@@ -406,7 +409,7 @@ mod tests {
         }
         let line = |(index, entry): (usize, Entry)| Line {
             number: index as u64 + 1,
-            time_s: index as f64,
+            time_s: Seconds(index as f64),
             entry,
         };
         JournalReplay::of(&lines.into_iter().enumerate().map(line).collect::<Vec<_>>()).unwrap()
@@ -490,26 +493,26 @@ mod tests {
             Step::Bias(bench_plan::plan::Bias {
                 from_a,
                 to_a,
-                settle_s: 30.0,
-                amplitude_a: 1.0,
-                resistance_ohm: 0.03,
-                most_coulomb: 810.0,
-                capacity_coulomb: 16_200.0,
+                settle_s: Seconds(30.0),
+                amplitude_a: Amps(1.0),
+                resistance_ohm: Ohms(0.03),
+                most_coulomb: Coulombs(810.0),
+                capacity_coulomb: Coulombs(16_200.0),
             })
         };
         let back = Step::Recharge(bench_plan::plan::Recharge {
-            current_a: -2.0,
-            charge_coulomb: 100.0,
-            within_coulomb: 8.0,
-            max_s: 200.0,
+            current_a: Amps(-2.0),
+            charge_coulomb: Coulombs(100.0),
+            within_coulomb: Coulombs(8.0),
+            max_s: Seconds(200.0),
         });
         // 1 power up, 2 ramp up, 3 and 4 points, 5 ramp down, 6 recharge, 7 power down.
         let sweep = vec![
             UP,
-            bias(0.0, 2.0),
+            bias(Amps(0.0), Amps(2.0)),
             sine(0),
             sine(1),
-            bias(2.0, 0.0),
+            bias(Amps(2.0), Amps(0.0)),
             back,
             Step::PowerDown,
         ];
@@ -556,16 +559,16 @@ mod tests {
     fn a_crash_in_a_counted_discharge_repeats_the_full_charge_and_one_after_it_does_not() {
         let leg = Step::Leg(Leg {
             flow: Flow::DischargeTo {
-                current_a: 4.5,
-                until_v: 2.55,
-                below_full_coulomb: 4860.0,
-                expected_coulomb: 3240.0,
+                current_a: Amps(4.5),
+                until_v: Volts(2.55),
+                below_full_coulomb: Coulombs(4860.0),
+                expected_coulomb: Coulombs(3240.0),
             },
-            max_s: 2220.0,
+            max_s: Seconds(2220.0),
             log: Log::MapDischarge(2),
         });
         let accept = Step::Accept {
-            band_v: (3.8, 3.9),
+            band_v: (Volts(3.8), Volts(3.9)),
             missed: Some(bench_plan::plan::Missed::Flag),
         };
         let mut plan = plan(true);

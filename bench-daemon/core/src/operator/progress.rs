@@ -185,7 +185,7 @@ impl Progress {
     pub fn new(plan: &Plan) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let bar = ProgressBar::with_draw_target(
-            Some(milliseconds(plan.expected_s())),
+            Some(milliseconds(plan.expected_s().value())),
             ProgressDrawTarget::stderr_with_hz(10),
         );
         if let Ok(style) =
@@ -250,7 +250,7 @@ impl Progress {
         if let Step::Mount(fixture) = *step {
             self.doing.set(|now| now.fixture = Some(fixture));
         }
-        self.bar.inc(milliseconds(step.expected_s()));
+        self.bar.inc(milliseconds(step.expected_s().value()));
     }
 
     /// Shows that nothing remains.

@@ -16,13 +16,16 @@ use analysis_files::{
 use instruments::{
     clock::{Clock, TimeMode},
     fixture::Fixture,
+    units::Seconds,
 };
 use serde::{Deserialize, Serialize};
 
 use bench_plan::plan::Specimen;
 
+use crate::clock::TypedClock;
+
 /// Time between two checks for the answer, s of real time: short enough for a person.
-const LOOK_S: f64 = 0.5;
+const LOOK_S: Seconds = Seconds(0.5);
 /// Longest name or serial number, characters.
 const LONGEST_TEXT: usize = 100;
 
@@ -207,7 +210,7 @@ pub(super) async fn answered(folder: &Path, number: u64, question: &Question) ->
                     tracing::error!("{}: expected the run folder, found none", folder.display());
                     return None;
                 }
-                clock.sleep_s(LOOK_S).await;
+                clock.sleep_for(LOOK_S).await;
             }
             None
         })

@@ -207,6 +207,7 @@ mod tests {
     use super::*;
     use analysis_numeric::Covariance2;
     use instruments::clock::TimeMode;
+    use instruments::units::Seconds;
     use num_complex::Complex64;
 
     fn point(freq_hz: f64) -> ImpedancePoint {
@@ -288,7 +289,7 @@ mod tests {
         }
         let started = crate::journal::Line {
             number: 1,
-            time_s: 0.0,
+            time_s: Seconds(0.0),
             entry: crate::journal::replay::test_started(),
         };
         let read = Read {

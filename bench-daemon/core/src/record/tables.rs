@@ -14,6 +14,8 @@ use analysis_files::{
     },
 };
 
+use instruments::units::{Amps, Celsius, Volts};
+
 use super::{
     error::{RecordError, io},
     folder::Folder,
@@ -74,11 +76,11 @@ impl Tables {
         reading: &Reading,
     ) -> Result<(), RecordError> {
         let row = ReadingRow {
-            time_s: reading.time_s,
+            time_s: reading.time_s.0,
             phase,
-            voltage_v: reading.voltage_v,
-            current_a: reading.current_a,
-            temperature_degc: reading.temperature_degc,
+            voltage_v: reading.voltage_v.map(Volts::value),
+            current_a: reading.current_a.map(Amps::value),
+            temperature_degc: reading.temperature_degc.map(Celsius::value),
         };
         self.series.push(in_numbers(&row));
         folder.room(READINGS)?;
@@ -102,9 +104,9 @@ impl Tables {
         }
         let row = EnvelopeRow {
             time_s,
-            voltage_v: Between::of(limits.min_v, limits.max_v),
-            current_a: Between::of(-limits.discharge_a, limits.charge_a),
-            temperature_degc: Between::of(limits.min_degc, limits.max_degc),
+            voltage_v: Between::of(limits.min_v.0, limits.max_v.0),
+            current_a: Between::of((-limits.discharge_a).0, limits.charge_a.0),
+            temperature_degc: Between::of(limits.min_degc.0, limits.max_degc.0),
         };
         self.envelope.row(folder, &row.row())?;
         self.bounded = Some(*limits);
@@ -222,12 +224,12 @@ mod tests {
     use bench_plan::interlock::Limits;
 
     const LIMITS: Limits = Limits {
-        min_v: 2.5,
-        max_v: 4.2,
-        charge_a: 0.1,
-        discharge_a: 5.0,
-        min_degc: f64::NEG_INFINITY,
-        max_degc: 60.0,
+        min_v: Volts(2.5),
+        max_v: Volts(4.2),
+        charge_a: Amps(0.1),
+        discharge_a: Amps(5.0),
+        min_degc: Celsius::NEG_INFINITY,
+        max_degc: Celsius(60.0),
     };
 
     /// Returns the rows of a table without their times.
@@ -243,15 +245,15 @@ mod tests {
         let clock = Clock::start(TimeMode::Virtual);
         let mut recorder = Recorder::create(&folder.path().join("run"), clock).unwrap();
         assert!(!recorder.path(BATH).exists() && !recorder.path(ENVELOPE).exists());
-        recorder.bath(None, Some(25.0));
-        recorder.bath(Some(24.5), Some(25.0));
-        recorder.bath(Some(f64::NAN), None);
+        recorder.bath(None, Some(Celsius(25.0)));
+        recorder.bath(Some(Celsius(24.5)), Some(Celsius(25.0)));
+        recorder.bath(Some(Celsius::NAN), None);
         let expected = ["bath_c,setpoint_c", ",25.0000", "24.5000,25.0000", ","];
         assert_eq!(rows(&recorder, BATH), expected);
         // Bounds are written once as long as they do not change.
         recorder.envelope(&LIMITS);
         recorder.envelope(&LIMITS);
-        recorder.envelope(&LIMITS.bounded(0.1, 1.0));
+        recorder.envelope(&LIMITS.bounded(Amps(0.1), Amps(1.0)));
         let told = &rows(&recorder, ENVELOPE)[1..];
         let expected = [
             "2.500000,4.200000,-5.000000,0.100000,,60.000000",

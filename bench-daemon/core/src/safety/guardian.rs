@@ -23,6 +23,7 @@ use instruments::{
     clock::{self, Clock},
     transcript::Tap,
     transport::MemoryHub,
+    units::{Celsius, Seconds, Volts},
 };
 use nix::{
     sys::signal::{Signal, kill},
@@ -35,6 +36,7 @@ pub use keeper::{GuardianError, Keeper, wait_for_earlier};
 
 use crate::{
     bench::{BathOrder, Bench, Connections, Identified, SafeReport},
+    clock::TypedClock,
     safety::state::{Latched, Lock, State, StateError, pid},
 };
 use bench_plan::{
@@ -59,10 +61,10 @@ const REPORT: &str = "guardian.json";
 const ROLES: [&str; 5] = ["supply4q", "generator", "load", "supply", "chiller"];
 /// Time after everything else is off during which the guardian still tries to reach a relay board,
 /// s. The longest relay pulse ends within this time.
-const RELAYS_DROP_S: f64 = 90.0;
+const RELAYS_DROP_S: Seconds = Seconds(90.0);
 /// Pause between two attempts, s: first and greatest value. Each pause is twice as long as the one
 /// before.
-const BACKOFF_S: (f64, f64) = (1.0, 10.0);
+const BACKOFF_S: (Seconds, Seconds) = (Seconds(1.0), Seconds(10.0));
 /// Number of attempts that the guardian makes after its folder was removed.
 const PATIENCE: u32 = 30;
 /// Time in which a killed process must disappear, unless the system hangs.
@@ -75,9 +77,9 @@ pub struct Charge<'a> {
     /// The run folder, for its report.
     pub run: &'a Path,
     /// Least and greatest voltage of the cell, V.
-    pub window_v: (f64, f64),
+    pub window_v: (Volts, Volts),
     /// Least and greatest temperature of the cell, °C, if a cell is to be in the jig.
-    pub cell_degc: Option<(f64, f64)>,
+    pub cell_degc: Option<(Celsius, Celsius)>,
     /// SHA-256 of the bench file as the daemon read it: both processes must use the same
     /// instruments.
     pub sha256: String,
@@ -125,16 +127,16 @@ pub struct Report {
     /// Least and greatest temperature of the cell, °C.
     #[serde(default)]
     #[serde(rename = "cell_c")]
-    pub cell_degc: Option<(f64, f64)>,
+    pub cell_degc: Option<(Celsius, Celsius)>,
     /// Set-point at which the run started a bath that closes its own loop, °C.
     #[serde(default)]
     #[serde(rename = "bath_c")]
-    pub bath_degc: Option<f64>,
+    pub bath_degc: Option<Celsius>,
     /// End state of the bath, if it was changed.
     #[serde(default)]
     pub bath_ended: Option<String>,
     /// Time from the intervention until everything that moves charge was verified as off, bench s.
-    pub took_s: Option<f64>,
+    pub took_s: Option<Seconds>,
     /// Time at which the report was written, s since 1970.
     pub unix_s: f64,
 }
@@ -156,10 +158,13 @@ impl Report {
 
 /// Returns the least and greatest temperature, °C, that the cell of the last run on a bench
 /// tolerates, or `None` if they are unknown.
-pub fn last_cell_degc(state: &State) -> Option<(f64, f64)> {
+pub fn last_cell_degc(state: &State) -> Option<(Celsius, Celsius)> {
     let text = std::fs::read_to_string(state.path(REPORT)).ok()?;
     let report: serde_json::Value = serde_json::from_str(&text).ok()?;
-    Some((report["cell_c"][0].as_f64()?, report["cell_c"][1].as_f64()?))
+    Some((
+        Celsius(report["cell_c"][0].as_f64()?),
+        Celsius(report["cell_c"][1].as_f64()?),
+    ))
 }
 
 /// Watches the daemon until it says goodbye or the guardian must intervene.
@@ -287,7 +292,7 @@ impl<'a> Watch<'a> {
     }
 
     async fn keep(mut self) -> Result<(), GuardianError> {
-        let lease = Duration::from_secs_f64(self.charge.bench.guardian.lease_s);
+        let lease = Duration::from_secs_f64(self.charge.bench.guardian.lease_s.value());
         let cause = loop {
             match self.clock.deadline(lease, self.messages.recv()).await {
                 Ok(Some(word)) if word == GOODBYE => {
@@ -324,7 +329,7 @@ impl<'a> Watch<'a> {
             return;
         };
         (self.cell, self.report.step) = (fixture == "cell", step.to_owned());
-        let bath_degc = bath.parse().ok();
+        let bath_degc = bath.parse().ok().map(Celsius);
         if self.report.bath_degc != bath_degc {
             self.report.bath_degc = bath_degc;
             // Recorded for the process that switches off if this process dies, too.
@@ -340,7 +345,7 @@ impl<'a> Watch<'a> {
         if getppid() == daemon {
             tracing::warn!(
                 "no word from process {daemon} within {} s: killing it",
-                self.charge.bench.guardian.lease_s
+                self.charge.bench.guardian.lease_s.0
             );
             if let Err(error) = kill(daemon, Signal::SIGKILL) {
                 tracing::error!("process {daemon} cannot be killed: {error}");
@@ -354,7 +359,7 @@ impl<'a> Watch<'a> {
 
     /// Retries until every output is off and read back.
     async fn switch_off(mut self) -> Result<(), GuardianError> {
-        let start_s = self.clock.now_s();
+        let start_s = self.clock.now();
         let mut pause_s = BACKOFF_S.0;
         // A report that cannot be written, for example because the disk is full, must not prevent
         // switching off.
@@ -363,7 +368,7 @@ impl<'a> Watch<'a> {
             self.report.attempts += 1;
             let mut bench = Bench::unconnected(self.charge.bench, &self.connections)?;
             let safe = bench.safe_state().await;
-            let took_s = self.clock.now_s() - start_s;
+            let took_s = self.clock.now() - start_s;
             if safe.drives_verified() && self.report.took_s.is_none() {
                 self.report.took_s = Some(took_s);
                 self.bath(&mut bench).await;
@@ -386,7 +391,7 @@ impl<'a> Watch<'a> {
                 tracing::error!("the state folder was taken away: giving up");
                 return Err(GuardianError::GaveUp);
             }
-            self.clock.sleep_s(pause_s).await;
+            self.clock.sleep_for(pause_s).await;
             pause_s = (2.0 * pause_s).min(BACKOFF_S.1);
         }
     }
@@ -456,9 +461,9 @@ impl<'a> Watch<'a> {
 
     /// Ends the guardian's work after everything that moves charge is verified as off.
     fn verified(&mut self, safe: &SafeReport, status: Status) -> Result<(), GuardianError> {
-        let took_s = self.report.took_s.unwrap_or(0.0);
+        let took_s = self.report.took_s.unwrap_or(Seconds::ZERO);
         tracing::warn!(
-            "{}: {}, {took_s:.1} s after the guardian stepped in",
+            "{}: {}, {took_s:.1} after the guardian stepped in",
             safe.read,
             safe.message
         );
@@ -473,20 +478,13 @@ impl<'a> Watch<'a> {
         let volts = ["load", "supply4q"]
             .iter()
             .find_map(read)
-            .unwrap_or(f64::NAN);
+            .unwrap_or(Volts::NAN);
         let (least, greatest) = self.charge.window_v;
         if let Some(value) =
             Some(volts).filter(|volts| self.cell && !(least..=greatest).contains(volts))
         {
             let what = "cell voltage, found by the guardian after it had switched off,";
-            let trip = Trip::Limit {
-                what,
-                value,
-                unit: "V",
-                least,
-                greatest,
-                time_s: self.clock.now_s(),
-            };
+            let trip = Trip::limit(what, value, &(least..=greatest), self.clock.now());
             self.latch(Latched::of_trip("guardian", &trip));
         }
         self.note(status);

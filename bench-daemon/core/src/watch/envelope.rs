@@ -1,17 +1,19 @@
 //! The limits that apply at the moment, against which the watch checks every reading.
 
+use instruments::units::{Amps, Celsius, Seconds, Unit, Volts};
+
 use bench_plan::interlock::{Allowance, CURRENT_MARGIN, Drive, Drives, NO_CURRENT_A};
 
 /// Limits of currents, voltage and temperature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Envelope {
     /// Least and greatest current of each drive, A, in the direction that its meter counts.
-    amps: [(f64, f64); 3],
+    amps: [(Amps, Amps); 3],
     used: Drives,
     /// Least and greatest voltage of the cell, V, while it is in the jig and a current may flow.
-    volts: Option<(f64, f64)>,
+    volts: Option<(Volts, Volts)>,
     /// Least and greatest temperature of the cell, °C.
-    degc: (f64, f64),
+    degc: (Celsius, Celsius),
 }
 
 impl Envelope {
@@ -21,7 +23,7 @@ impl Envelope {
             amps: [(-NO_CURRENT_A, NO_CURRENT_A); 3],
             used: Drives::default(),
             volts: None,
-            degc: (f64::NEG_INFINITY, f64::INFINITY),
+            degc: (Celsius::NEG_INFINITY, Celsius::INFINITY),
         }
     }
 
@@ -55,7 +57,6 @@ impl Envelope {
     /// between two steps.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
-        let wider = |one: (f64, f64), other: (f64, f64)| (one.0.min(other.0), one.1.max(other.1));
         Self {
             amps: [0, 1, 2].map(|at| wider(self.amps[at], other.amps[at])),
             used: Drives {
@@ -73,7 +74,7 @@ impl Envelope {
 
     /// Limits the current to at most `most_a`, A, in either direction.
     #[must_use]
-    pub fn at_most(self, most_a: f64) -> Self {
+    pub fn at_most(self, most_a: Amps) -> Self {
         Self {
             amps: self
                 .amps
@@ -83,7 +84,7 @@ impl Envelope {
     }
 
     /// Returns the least and greatest current of a drive, A.
-    pub fn amps(&self, drive: Drive) -> (f64, f64) {
+    pub fn amps(&self, drive: Drive) -> (Amps, Amps) {
         self.amps[drive as usize]
     }
 
@@ -98,14 +99,22 @@ impl Envelope {
     }
 
     /// Returns the least and greatest voltage of the cell, V, if it is judged.
-    pub fn volts(&self) -> Option<(f64, f64)> {
+    pub fn volts(&self) -> Option<(Volts, Volts)> {
         self.volts
     }
 
     /// Returns the least and greatest temperature of the cell, °C.
-    pub fn degc(&self) -> (f64, f64) {
+    pub fn degc(&self) -> (Celsius, Celsius) {
         self.degc
     }
+}
+
+/// Returns a range that holds two others.
+fn wider<Q: Unit>(one: (Q, Q), other: (Q, Q)) -> (Q, Q) {
+    (
+        if other.0 < one.0 { other.0 } else { one.0 },
+        if other.1 > one.1 { other.1 } else { one.1 },
+    )
 }
 
 /// The envelope in force. After a change both envelopes apply until the procedure has verified
@@ -113,7 +122,7 @@ impl Envelope {
 #[derive(Debug)]
 pub(super) struct InForce {
     present: Envelope,
-    before: Option<(Envelope, f64)>,
+    before: Option<(Envelope, Seconds)>,
 }
 
 impl InForce {
@@ -125,7 +134,7 @@ impl InForce {
     }
 
     /// Applies `next` from now on, and keeps the previous envelope until `until_s`.
-    pub(super) fn change(&mut self, next: Envelope, until_s: f64) {
+    pub(super) fn change(&mut self, next: Envelope, until_s: Seconds) {
         if next != self.present {
             self.before = Some((self.present, until_s));
             self.present = next;
@@ -138,7 +147,7 @@ impl InForce {
     }
 
     /// Returns the envelopes that apply to a reading that was requested at `asked_s`.
-    pub(super) fn at(&mut self, asked_s: f64) -> Envelopes {
+    pub(super) fn at(&mut self, asked_s: Seconds) -> Envelopes {
         let allowed = match self.before {
             Some((before, until_s)) if asked_s <= until_s => self.present.or(before),
             Some(_) => {
@@ -169,15 +178,15 @@ mod tests {
     use bench_plan::interlock::Limits;
 
     const CELL: Limits = Limits {
-        min_v: 2.5,
-        max_v: 4.2,
-        charge_a: 13.5,
-        discharge_a: 45.0,
-        min_degc: 0.0,
-        max_degc: 60.0,
+        min_v: Volts(2.5),
+        max_v: Volts(4.2),
+        charge_a: Amps(13.5),
+        discharge_a: Amps(45.0),
+        min_degc: Celsius(0.0),
+        max_degc: Celsius(60.0),
     };
 
-    fn allowing(drives: Drives, charge_a: f64, discharge_a: f64) -> Envelope {
+    fn allowing(drives: Drives, charge_a: Amps, discharge_a: Amps) -> Envelope {
         Envelope::of(&Allowance {
             live: true,
             drives,
@@ -189,12 +198,21 @@ mod tests {
     fn a_step_allows_current_in_the_drives_that_it_uses_and_in_no_other() {
         let nothing = (-NO_CURRENT_A, NO_CURRENT_A);
         for (drives, expected) in [
-            (Drives::SUPPLY4Q, [(-2.04, 1.02), nothing, nothing]),
-            (Drives::LOAD, [nothing, (-NO_CURRENT_A, 2.04), nothing]),
-            (Drives::SUPPLY, [nothing, nothing, (-NO_CURRENT_A, 1.02)]),
+            (
+                Drives::SUPPLY4Q,
+                [(Amps(-2.04), Amps(1.02)), nothing, nothing],
+            ),
+            (
+                Drives::LOAD,
+                [nothing, (-NO_CURRENT_A, Amps(2.04)), nothing],
+            ),
+            (
+                Drives::SUPPLY,
+                [nothing, nothing, (-NO_CURRENT_A, Amps(1.02))],
+            ),
             (Drives::default(), [nothing; 3]),
         ] {
-            let envelope = allowing(drives, 1.0, 2.0);
+            let envelope = allowing(drives, Amps(1.0), Amps(2.0));
             assert_eq!(Drive::ALL.map(|drive| envelope.amps(drive)), expected);
             assert_eq!(envelope.is_live(), drives != Drives::default());
         }
@@ -209,20 +227,32 @@ mod tests {
     #[test]
     fn two_envelopes_hold_until_the_new_one_is_seen_or_time_is_up() {
         let (wide, narrow) = (
-            allowing(Drives::SUPPLY4Q, 5.0, 5.0),
-            allowing(Drives::SUPPLY4Q, 1.0, 1.0),
+            allowing(Drives::SUPPLY4Q, Amps(5.0), Amps(5.0)),
+            allowing(Drives::SUPPLY4Q, Amps(1.0), Amps(1.0)),
         );
         let mut force = InForce::new();
-        force.change(wide, 1.0);
-        force.change(narrow, 10.0);
-        assert_eq!(force.at(9.0).allowed.amps(Drive::Supply4q), (-5.1, 5.1));
+        force.change(wide, Seconds(1.0));
+        force.change(narrow, Seconds(10.0));
+        assert_eq!(
+            force.at(Seconds(9.0)).allowed.amps(Drive::Supply4q),
+            (Amps(-5.1), Amps(5.1))
+        );
         force.settle();
-        assert_eq!(force.at(9.0).allowed.amps(Drive::Supply4q), (-1.02, 1.02));
-        force.change(wide, 20.0);
-        force.change(narrow, 30.0);
-        assert_eq!(force.at(31.0).allowed.amps(Drive::Supply4q), (-1.02, 1.02));
+        assert_eq!(
+            force.at(Seconds(9.0)).allowed.amps(Drive::Supply4q),
+            (Amps(-1.02), Amps(1.02))
+        );
+        force.change(wide, Seconds(20.0));
+        force.change(narrow, Seconds(30.0));
+        assert_eq!(
+            force.at(Seconds(31.0)).allowed.amps(Drive::Supply4q),
+            (Amps(-1.02), Amps(1.02))
+        );
         // Setting the same envelope again does not restore the previous one.
-        force.change(narrow, 90.0);
-        assert_eq!(force.at(40.0).allowed.amps(Drive::Supply4q), (-1.02, 1.02));
+        force.change(narrow, Seconds(90.0));
+        assert_eq!(
+            force.at(Seconds(40.0)).allowed.amps(Drive::Supply4q),
+            (Amps(-1.02), Amps(1.02))
+        );
     }
 }

@@ -1,14 +1,14 @@
 //! Judges the readings of one drive. A reading beyond the envelope is repeated at once: a single
 //! glitch of a meter does not end a run.
 
-use instruments::instrument::Measured;
+use instruments::{instrument::Measured, units::Seconds, units::Unit};
 
 use super::envelope::Envelopes;
 use bench_plan::interlock::{Drive, Trip};
 
 /// Two readings beyond the envelope within this time end the run, s: a slow sinusoid with too
 /// large an amplitude is beyond it only near its crests.
-const MEMORY_S: f64 = 3.0;
+const MEMORY_S: Seconds = Seconds(3.0);
 
 /// Consequence of a reading.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,7 +34,7 @@ pub(super) struct Judge {
     /// Whether the voltage of this meter is that of the cell.
     reads_cell: bool,
     /// Time of the last reading beyond the envelope, s.
-    beyond_s: Option<f64>,
+    beyond_s: Option<Seconds>,
 }
 
 impl Judge {
@@ -51,15 +51,17 @@ impl Judge {
         &mut self,
         reading: &Measured,
         envelopes: &Envelopes,
-        time_s: f64,
+        time_s: Seconds,
     ) -> Judgement {
         let Some(trip) = self.trip(reading, envelopes, time_s) else {
             return Judgement::Within;
         };
         let since_s = self
             .beyond_s
-            .replace(reading.answered_s)
-            .map_or(f64::INFINITY, |before_s| reading.answered_s - before_s);
+            .replace(Seconds(reading.answered_s))
+            .map_or(Seconds::INFINITY, |before_s| {
+                Seconds(reading.answered_s) - before_s
+            });
         if since_s <= MEMORY_S {
             Judgement::Beyond(trip)
         } else {
@@ -71,35 +73,43 @@ impl Judge {
     }
 
     /// Returns the quantity that is beyond the envelope, with the limits of the present step.
-    fn trip(&self, reading: &Measured, envelopes: &Envelopes, time_s: f64) -> Option<Trip> {
+    fn trip(&self, reading: &Measured, envelopes: &Envelopes, time_s: Seconds) -> Option<Trip> {
         let Envelopes { allowed, present } = envelopes;
         let what = match self.drive {
             Drive::Supply4q if present.uses(self.drive) => "cell current",
             drive => drive.current(),
         };
-        let limited = |what, value, unit, allowed: (f64, f64), (least, greatest)| {
-            (!(allowed.0..=allowed.1).contains(&value)).then_some(Trip::Limit {
-                what,
-                value,
-                unit,
-                least,
-                greatest,
-                time_s,
-            })
-        };
         let of = self.drive;
-        let amps = reading.amps.value();
-        limited(what, amps, "A", allowed.amps(of), present.amps(of)).or_else(|| {
-            let volts = reading.volts.filter(|_| self.reads_cell)?.value();
+        let current = limited(
+            what,
+            reading.amps,
+            allowed.amps(of),
+            present.amps(of),
+            time_s,
+        );
+        current.or_else(|| {
+            let volts = reading.volts.filter(|_| self.reads_cell)?;
             let limits = allowed.volts()?;
-            limited("cell voltage", volts, "V", limits, limits)
+            limited("cell voltage", volts, limits, limits, time_s)
         })
     }
 }
 
+/// Trips if a value is outside what is allowed; the trip states the limits of the present step.
+fn limited<Q: Unit>(
+    what: &'static str,
+    value: Q,
+    allowed: (Q, Q),
+    present: (Q, Q),
+    time_s: Seconds,
+) -> Option<Trip> {
+    let present = present.0..=present.1;
+    (!(allowed.0..=allowed.1).contains(&value)).then(|| Trip::limit(what, value, &present, time_s))
+}
+
 #[cfg(test)]
 mod tests {
-    use instruments::units::{Amps, Volts};
+    use instruments::units::{Amps, Celsius, Volts};
 
     use super::*;
     use crate::watch::Envelope;
@@ -107,12 +117,12 @@ mod tests {
 
     fn judged(readings: &[(f64, f64, f64)]) -> Vec<&'static str> {
         let limits = Limits {
-            min_v: 2.5,
-            max_v: 4.2,
-            charge_a: 1.2,
-            discharge_a: 1.2,
-            min_degc: 0.0,
-            max_degc: 60.0,
+            min_v: Volts(2.5),
+            max_v: Volts(4.2),
+            charge_a: Amps(1.2),
+            discharge_a: Amps(1.2),
+            min_degc: Celsius(0.0),
+            max_degc: Celsius(60.0),
         };
         let envelope = Envelope::of(&Allowance {
             live: true,
@@ -133,7 +143,7 @@ mod tests {
                     asked_s: *time_s,
                     answered_s: *time_s,
                 };
-                match judge.judge(&reading, &envelopes, *time_s) {
+                match judge.judge(&reading, &envelopes, Seconds(*time_s)) {
                     Judgement::Within => "within",
                     Judgement::AskAgain { .. } => "again",
                     Judgement::Beyond(_) => "beyond",

@@ -1,5 +1,7 @@
 //! Statistics of the watch, for the run folder.
 
+use instruments::units::Seconds;
+
 use bench_plan::interlock::Drive;
 
 /// Statistics of the readings of one drive.
@@ -10,11 +12,11 @@ pub struct Readings {
     /// Number of readings that the watch requested itself.
     pub asked: u64,
     /// Time from the first to the last reading, s.
-    pub span_s: f64,
+    pub span_s: Seconds,
     /// Longest time between two readings, s.
-    pub longest_s: f64,
+    pub longest_s: Seconds,
     /// Longest answer time of its meter to one query, s.
-    pub slowest_s: f64,
+    pub slowest_s: Seconds,
 }
 
 /// Statistics of the watch.
@@ -28,7 +30,13 @@ pub struct WatchLog {
 
 impl WatchLog {
     /// Adds a reading that arrived at `machine_s`, `since_s` after the previous one.
-    pub(super) fn count(&mut self, drive: Drive, since_s: Option<f64>, answer_s: f64, own: bool) {
+    pub(super) fn count(
+        &mut self,
+        drive: Drive,
+        since_s: Option<Seconds>,
+        answer_s: Seconds,
+        own: bool,
+    ) {
         let readings = &mut self.readings[drive as usize];
         readings.judged += 1;
         readings.asked += u64::from(own);
@@ -51,13 +59,13 @@ impl WatchLog {
                     longest_s,
                     slowest_s,
                 } = self.readings[drive as usize];
-                (span_s > 0.0).then(|| {
+                (span_s > Seconds::ZERO).then(|| {
                     format!(
-                        "watch of the {}: {judged} readings in {span_s:.1} s ({:.2} per second, \
-                        {asked} asked by the watch), longest gap {longest_s:.2} s, slowest answer \
-                        {slowest_s:.3} s",
+                        "watch of the {}: {judged} readings in {span_s:.1} ({:.2} per second, \
+                        {asked} asked by the watch), longest gap {longest_s:.2}, slowest answer \
+                        {slowest_s:.3}",
                         drive.role(),
-                        judged as f64 / span_s
+                        (judged as f64 / span_s).0
                     )
                 })
             })

@@ -1,16 +1,18 @@
 //! How fast the watch reads, and the bound on the time from a cause to zero current that follows
 //! from the speed of the meters.
 
+use instruments::units::Seconds;
+
 use bench_plan::{
     config::{self, ANSWER_S, Experiment},
     interlock::Drive,
 };
 
 /// Target for the time between two readings of a drive, s.
-const PERIOD_S: f64 = 0.5;
+const PERIOD_S: Seconds = Seconds(0.5);
 /// Time in which an output that is switched off loses its current, and in which threads and
 /// connections are scheduled, s.
-const MARGIN_S: f64 = 1.0;
+const MARGIN_S: Seconds = Seconds(1.0);
 /// Greatest number of answers between a cause and zero current: the query of the procedure in
 /// progress, the current, the current once more, and two queries that switch off.
 const ANSWERS: f64 = 5.0;
@@ -29,9 +31,9 @@ const ANSWERS_TO_SET: f64 = 12.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pace {
     /// Longest usual time in which the meter of each drive answers, s.
-    pub answers_s: [f64; 3],
+    pub answers_s: [Seconds; 3],
     /// Longest time without a temperature while a current may flow, s.
-    pub temperature_age_s: f64,
+    pub temperature_age_s: Seconds,
 }
 
 impl Pace {
@@ -60,8 +62,8 @@ impl Pace {
             return Ok(());
         }
         Err(format!(
-            "expected the watch to end a current within {most_s} s (interlock.reading_age_max of the \
-            cell), found {bound_s:.1} s: {}",
+            "expected the watch to end a current within {most_s} (interlock.reading_age_max of the \
+            cell), found {bound_s:.1}: {}",
             self.describe(&experiment.bench.instruments)
         ))
     }
@@ -78,37 +80,37 @@ impl Pace {
             .into_iter()
             .zip([supply4q, load, supply])
             .filter(|(_, present)| present.is_some())
-            .map(|(drive, _)| format!("{} {} s", drive.role(), self.answers_s[drive as usize]))
+            .map(|(drive, _)| format!("{} {} s", drive.role(), (self.answers_s[drive as usize]).0))
             .collect();
         format!(
             "watch: from a cause to no current within {:.1} s (usual time of an answer: {})",
-            self.bound_s(),
+            self.bound_s().0,
             answers.join(", ")
         )
     }
 
     /// Returns the answer time of the slowest meter.
-    fn slowest_s(&self) -> f64 {
-        self.answers_s.iter().copied().fold(ANSWER_S, f64::max)
+    fn slowest_s(&self) -> Seconds {
+        self.answers_s.iter().copied().fold(ANSWER_S, Seconds::max)
     }
 
     /// Returns the time between two readings of a drive, s.
-    pub(super) fn period_s(&self) -> f64 {
+    pub(super) fn period_s(&self) -> Seconds {
         PERIOD_S
     }
 
     /// Returns the longest time without a reading of a drive in use, s.
-    pub fn blind_s(&self, drive: Drive) -> f64 {
+    pub fn blind_s(&self, drive: Drive) -> Seconds {
         MARGIN_S + ANSWERS_WITHOUT * self.answers_s[drive as usize].max(ANSWER_S)
     }
 
     /// Returns the longest answer time of a drive in use that is tolerated twice in a row, s.
-    pub(super) fn late_s(&self, drive: Drive) -> f64 {
+    pub(super) fn late_s(&self, drive: Drive) -> Seconds {
         LATE * self.answers_s[drive as usize].max(ANSWER_S)
     }
 
     /// Returns the longest time to zero current from a cause that a meter shows at once, s.
-    pub fn bound_s(&self) -> f64 {
+    pub fn bound_s(&self) -> Seconds {
         let slowest_s = self.slowest_s();
         let answers = if slowest_s > ANSWER_S {
             ANSWERS_OF_SLOW
@@ -119,7 +121,7 @@ impl Pace {
     }
 
     /// Returns how long the envelope of the previous step may apply, s.
-    pub(super) fn settle_s(&self) -> f64 {
+    pub(super) fn settle_s(&self) -> Seconds {
         MARGIN_S + ANSWERS_TO_SET * self.slowest_s()
     }
 }
@@ -137,11 +139,11 @@ mod tests {
             (2.0, 25.5, 9.0),
         ] {
             let pace = Pace {
-                answers_s: [ANSWER_S, answer_s, ANSWER_S],
-                temperature_age_s: 60.0,
+                answers_s: [ANSWER_S, Seconds(answer_s), ANSWER_S],
+                temperature_age_s: Seconds(60.0),
             };
-            assert!((pace.bound_s() - bound_s).abs() < 1e-9);
-            assert!((pace.blind_s(Drive::Load) - blind_s).abs() < 1e-9);
+            assert!((pace.bound_s() - Seconds(bound_s)).abs() < Seconds(1e-9));
+            assert!((pace.blind_s(Drive::Load) - Seconds(blind_s)).abs() < Seconds(1e-9));
         }
     }
 }

@@ -12,6 +12,7 @@ use instruments::{
     instrument::Measured,
     link::LinkError,
     logger::Logger,
+    units::Seconds,
 };
 use tokio::sync::watch;
 
@@ -22,20 +23,23 @@ use super::{
     pace::Pace,
     shared::{Shared, locked},
 };
-use crate::bench::{Bench, Driven, Instruments, SafeReport};
+use crate::{
+    bench::{Bench, Driven, Instruments, SafeReport},
+    clock::TypedClock,
+};
 use bench_plan::interlock::{Drive, Trip};
 
 /// Number of ticks in a period: the time resolution with which readings of the procedure are
 /// detected.
 const TICKS: f64 = 5.0;
 /// Least period on the machine's clock, s: scaled time must not flood the ports.
-const LEAST_PERIOD_S: f64 = 0.05;
+const LEAST_PERIOD_S: Seconds = Seconds(0.05);
 /// Time between two scans of the thermometers, s.
-const TEMPERATURE_S: f64 = 5.0;
+const TEMPERATURE_S: Seconds = Seconds(5.0);
 /// Time after which a drive that no step uses and that is not read is remarked, s.
-const UNREAD_S: f64 = 5.0;
+const UNREAD_S: Seconds = Seconds(5.0);
 /// Pause before an unreachable instrument is tried again, s.
-const REACH_AGAIN_S: f64 = 0.5;
+const REACH_AGAIN_S: Seconds = Seconds(0.5);
 /// Longest search for the setting that explains a trip, s.
 const CAUSE: std::time::Duration = std::time::Duration::from_millis(300);
 /// The instruments whose settings are compared, in turn. The generator has no meter and is queried
@@ -126,7 +130,7 @@ struct DriveState {
     /// Whether the bench has the drive.
     present: bool,
     /// Time since its last reading, s; time in which the watch could not run does not count.
-    age_s: Cell<f64>,
+    age_s: Cell<Seconds>,
     /// Whether the drive was read, and its answers are not later than the bound of the watch
     /// allows.
     in_time: Cell<bool>,
@@ -143,7 +147,7 @@ struct Watched<'a> {
     machine_per_bench: f64,
     drives: [DriveState; 3],
     /// Age of the cell's temperature, s; `None` without a logger.
-    temperature_age_s: Cell<Option<f64>>,
+    temperature_age_s: Cell<Option<Seconds>>,
 }
 
 impl<'a> Watched<'a> {
@@ -167,20 +171,22 @@ impl<'a> Watched<'a> {
     }
 
     /// Returns the period of the readings on the machine's clock, s.
-    fn period_s(&self) -> f64 {
+    fn period_s(&self) -> Seconds {
         (self.pace.period_s() * self.machine_per_bench).max(LEAST_PERIOD_S)
     }
 
     /// Sleeps for a time in machine seconds.
-    async fn sleep_s(&self, machine_s: f64) {
-        self.clock.sleep_s(machine_s / self.machine_per_bench).await;
+    async fn sleep_s(&self, machine_s: Seconds) {
+        self.clock
+            .sleep_for(machine_s / self.machine_per_bench)
+            .await;
     }
 
     async fn tick(&self) {
         self.sleep_s(self.period_s() / TICKS).await;
     }
 
-    fn envelope(&self, asked_s: f64) -> Envelope {
+    fn envelope(&self, asked_s: Seconds) -> Envelope {
         locked(&self.shared.force).at(asked_s).allowed
     }
 
@@ -203,7 +209,7 @@ impl<'a> Watched<'a> {
         let (mut judged_s, mut next) = (None, first);
         loop {
             let (answer_s, late_s) = (meter.answer_time_s(), self.pace.late_s(drive));
-            let envelope = self.envelope(self.clock.machine_s());
+            let envelope = self.envelope(self.clock.machine());
             if answer_s > late_s && self.is_needed(drive, &envelope) {
                 return Alarm::Slow {
                     role: drive.role(),
@@ -211,11 +217,12 @@ impl<'a> Watched<'a> {
                     limit_s: late_s,
                 };
             }
-            let theirs = meter
-                .last_measured()
-                .filter(|reading| judged_s.is_none_or(|judged_s| reading.answered_s > judged_s));
-            let age_s =
-                judged_s.map_or(f64::INFINITY, |judged_s| self.clock.machine_s() - judged_s);
+            let theirs = meter.last_measured().filter(|reading| {
+                judged_s.is_none_or(|judged_s| Seconds(reading.answered_s) > judged_s)
+            });
+            let age_s = judged_s.map_or(Seconds::INFINITY, |judged_s| {
+                self.clock.machine() - judged_s
+            });
             let (reading, own) = match (theirs, next) {
                 (Some(reading), Next::Usual) => (reading, false),
                 (None, Next::Usual) if age_s < self.period_s() => {
@@ -230,9 +237,9 @@ impl<'a> Watched<'a> {
             self.count(drive, &reading, judged_s, own);
             let state = &self.drives[drive as usize];
             state.in_time.set(meter.answer_time_s() <= late_s);
-            judged_s = Some(reading.answered_s);
-            let envelopes = locked(&self.shared.force).at(reading.asked_s);
-            match judge.judge(&reading, &envelopes, self.clock.now_s()) {
+            judged_s = Some(Seconds(reading.answered_s));
+            let envelopes = locked(&self.shared.force).at(Seconds(reading.asked_s));
+            match judge.judge(&reading, &envelopes, self.clock.now()) {
                 Judgement::Within => next = Next::Usual,
                 // A repeated reading would come too late, and no current should flow.
                 Judgement::AskAgain { trip, .. }
@@ -263,7 +270,7 @@ impl<'a> Watched<'a> {
             "while the run waited, the {} was {:.2} A at {:.0} s, where nothing may flow; {off}",
             drive.current(),
             reading.amps.value(),
-            self.clock.now_s()
+            self.clock.now().0
         );
         tracing::warn!("the watch: {remark}");
         locked(&self.shared.log).remarks.push(remark);
@@ -316,12 +323,12 @@ impl<'a> Watched<'a> {
         meter.identify_same().await
     }
 
-    fn count(&self, drive: Drive, reading: &Measured, judged_s: Option<f64>, own: bool) {
-        self.drives[drive as usize].age_s.set(0.0);
+    fn count(&self, drive: Drive, reading: &Measured, judged_s: Option<Seconds>, own: bool) {
+        self.drives[drive as usize].age_s.set(Seconds::ZERO);
         locked(&self.shared.log).count(
             drive,
-            judged_s.map(|judged_s| reading.answered_s - judged_s),
-            reading.answered_s - reading.asked_s,
+            judged_s.map(|judged_s| Seconds(reading.answered_s) - judged_s),
+            Seconds(reading.answered_s - reading.asked_s),
             own,
         );
     }
@@ -331,11 +338,11 @@ impl<'a> Watched<'a> {
         let Some(logger) = logger else {
             return pending().await;
         };
-        self.temperature_age_s.set(Some(0.0));
+        self.temperature_age_s.set(Some(Seconds::ZERO));
         let (mut judged_s, mut beyond, mut ready) = (f64::NEG_INFINITY, false, false);
         loop {
             self.tick().await;
-            let due = self.clock.machine_s() - judged_s > TEMPERATURE_S;
+            let due = self.clock.machine() - Seconds(judged_s) > TEMPERATURE_S;
             if logger
                 .last_scan()
                 .is_none_or(|scan| scan.answered_s <= judged_s)
@@ -356,22 +363,16 @@ impl<'a> Watched<'a> {
                 continue;
             };
             judged_s = scan.answered_s;
-            self.temperature_age_s.set(Some(0.0));
-            let Some(degc) = scan.cell.map(|celsius| celsius.value()) else {
+            self.temperature_age_s.set(Some(Seconds::ZERO));
+            let Some(degc) = scan.cell else {
                 continue;
             };
-            let (least, greatest) = self.envelope(judged_s).degc();
+            let (least, greatest) = self.envelope(Seconds(judged_s)).degc();
             if (least..=greatest).contains(&degc) {
                 beyond = false;
             } else if std::mem::replace(&mut beyond, true) {
-                return Alarm::Trip(Trip::Limit {
-                    what: "cell temperature",
-                    value: degc,
-                    unit: "°C",
-                    least,
-                    greatest,
-                    time_s: self.clock.now_s(),
-                });
+                let (allowed, now_s) = (least..=greatest, self.clock.now());
+                return Alarm::Trip(Trip::limit("cell temperature", degc, &allowed, now_s));
             }
         }
     }
@@ -404,11 +405,11 @@ impl<'a> Watched<'a> {
     /// Judges the time without a reading. Time in which the machine did not run the watch does not
     /// count: the guardian's lease bounds it.
     async fn judge_ages(&self) -> Alarm {
-        let mut last_s = self.clock.machine_s();
+        let mut last_s = self.clock.machine();
         let mut remarked = [false; 3];
         loop {
             self.tick().await;
-            let now_s = self.clock.machine_s();
+            let now_s = self.clock.machine();
             let passed_s = (now_s - last_s).min(2.0 * self.period_s() / TICKS);
             last_s = now_s;
             let envelope = self.envelope(now_s);
@@ -458,29 +459,26 @@ impl<'a> Watched<'a> {
     }
 
     /// Returns a trip if the temperature of the cell is too old while a current may flow.
-    fn judge_temperature_age(&self, passed_s: f64, envelope: &Envelope) -> Option<Trip> {
+    fn judge_temperature_age(&self, passed_s: Seconds, envelope: &Envelope) -> Option<Trip> {
         let age_s = self.temperature_age_s.get()? + passed_s;
         self.temperature_age_s.set(Some(age_s));
         let greatest = self.pace.temperature_age_s;
-        (envelope.is_live() && age_s > greatest).then_some(Trip::Limit {
-            what: "time without a cell temperature",
-            value: age_s,
-            unit: "s",
-            least: 0.0,
-            greatest,
-            time_s: self.clock.now_s(),
-        })
+        let what = "time without a cell temperature";
+        envelope
+            .is_live()
+            .then(|| Trip::above(what, age_s, greatest, self.clock.now()))
+            .flatten()
     }
 
     /// Remarks a drive that no step uses and that does not answer.
-    fn remark(&self, drive: Drive, age_s: f64, remarked: &mut bool) {
+    fn remark(&self, drive: Drive, age_s: Seconds, remarked: &mut bool) {
         if age_s < UNREAD_S {
             *remarked = false;
         } else if !std::mem::replace(remarked, true) {
             let text = format!(
-                "the {} was not read for more than {UNREAD_S} s from {:.0} s on: {}",
+                "the {} was not read for more than {UNREAD_S} from {:.0} s on: {}",
                 drive.current(),
-                self.clock.now_s() - age_s / self.machine_per_bench,
+                (self.clock.now() - age_s / self.machine_per_bench).0,
                 self.drives[drive as usize].trouble.borrow()
             );
             tracing::warn!("the watch: {text}");

@@ -12,7 +12,7 @@ use analysis::{
     },
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
-use instruments::fixture::Fixture;
+use instruments::{fixture::Fixture, units::Hertz};
 
 use crate::support::present::significant;
 use bench_plan::{
@@ -98,8 +98,8 @@ pub fn swept<'p>(experiment: &Experiment, points: &'p [SweepPoint]) -> &'p [Swee
         .eis
         .as_ref()
         .and_then(|eis| eis.freqs_hz.last().copied())
-        .unwrap_or(f64::INFINITY);
-    &points[..points.partition_point(|point| point.phasors.freq_hz <= last_hz)]
+        .unwrap_or(Hertz::INFINITY);
+    &points[..points.partition_point(|point| point.phasors.freq_hz <= last_hz.0)]
 }
 
 /// Returns the valid frequency range of the bench as read, from one control: the tolerance is that

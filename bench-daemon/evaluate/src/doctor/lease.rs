@@ -45,7 +45,7 @@ pub async fn lease(
     let id = "guardian.lease";
     let expected = format!(
         "everything off after {} s of silence of the daemon",
-        config.guardian.lease_s
+        config.guardian.lease_s.0
     );
     let advice = "do not leave the bench alone: nothing would switch it off when the daemon dies; \
     see guardian.log in the state folder";
@@ -86,7 +86,7 @@ async fn drill(
         .and_then(|out| BufReader::new(out).lines().next())
         .and_then(Result::ok);
     let outcome = if message.as_deref() == Some(ON) {
-        switched_off(&state, clock, config.guardian.lease_s).await
+        switched_off(&state, clock, config.guardian.lease_s.0).await
     } else {
         Err(format!(
             "the other process did not come as far as to hang: {}",
@@ -164,7 +164,7 @@ async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
     for (_, read) in bench.read_back().await {
         let (_, amps) = read.map_err(|error| error.to_string())?;
         if amps.abs() > bench_plan::interlock::NO_CURRENT_A {
-            return Err(format!("{amps:.3} A still flow"));
+            return Err(format!("{amps:.3} still flow"));
         }
     }
     Ok(())
@@ -220,7 +220,7 @@ async fn output_on(config: &config::Bench, bench: &mut Bench) -> Result<(), Benc
         .ok_or(BenchError::Missing { role: "generator" })?;
     generator.output(false).await.map_err(&error)?;
     generator
-        .quiet(Volts(config.wiring.command_offset_v))
+        .quiet(config.wiring.command_offset_v)
         .await
         .map_err(&error)?;
     generator.output(true).await.map_err(&error)?;

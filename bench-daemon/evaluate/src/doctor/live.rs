@@ -122,10 +122,10 @@ impl Examination<'_> {
         let seen = self.see().await?;
         let off = seen.amps.abs();
         let volts_per_amp = self.volts_per_amp()?;
-        let offset = self.config.wiring.command_offset_v - seen.amps * volts_per_amp;
+        let offset = self.config.wiring.command_offset_v - Volts(seen.amps * volts_per_amp);
         let advice = format!(
             "wiring.command_offset = \"{:.0} mV\" would bring it to zero",
-            1.0e3 * offset
+            1.0e3 * offset.value()
         );
         let verdict = if off <= ZERO_A.0 {
             Verdict::Ok
@@ -261,7 +261,7 @@ impl Examination<'_> {
         let sine = Sine {
             freq: Hertz(SINE_HZ),
             amplitude,
-            offset: Volts(self.config.wiring.command_offset_v),
+            offset: self.config.wiring.command_offset_v,
         };
         let error = self.bench.error("generator");
         self.generator()?.sine(&sine).await.map_err(error)?;
@@ -415,7 +415,7 @@ impl Examination<'_> {
         let levels = self.frame().await?.each_ref().map(Level::of);
         let shunt_a = (levels[1].mean_v - self.zero_v[1] - levels[0].mean_v + self.zero_v[0])
             / self.config.wiring.shunt.r_ohm;
-        if shunt_a.abs() > NO_CURRENT_A {
+        if shunt_a.abs() > NO_CURRENT_A.0 {
             wrong.push(format!("the shunt still carries {shunt_a:.3} A"));
         }
         let met = if wrong.is_empty() {
@@ -443,7 +443,7 @@ impl Examination<'_> {
 
     /// Switches the bipolar supply on at zero, with a current limit.
     async fn up(&mut self, limit_a: f64) -> Result<(), BenchError> {
-        let offset = Volts(self.config.wiring.command_offset_v);
+        let offset = self.config.wiring.command_offset_v;
         let (error, of_supply) = (self.bench.error("generator"), self.bench.error("supply4q"));
         let generator = self.generator()?;
         generator.output(false).await.map_err(&error)?;
@@ -468,7 +468,7 @@ impl Examination<'_> {
 
     /// Sends a constant command.
     async fn command(&mut self, amps: f64) -> Result<(), BenchError> {
-        let offset = Volts(self.config.wiring.command_offset_v + amps * self.volts_per_amp()?);
+        let offset = self.config.wiring.command_offset_v + Volts(amps * self.volts_per_amp()?);
         let error = self.bench.error("generator");
         self.generator()?.quiet(offset).await.map_err(error)?;
         self.clock.sleep_s(SETTLE_S).await;
@@ -498,7 +498,7 @@ impl Examination<'_> {
     /// Returns the command per ampere from the bench file, V.
     fn volts_per_amp(&mut self) -> Result<f64, BenchError> {
         self.supply4q()?;
-        Ok(self.config.wiring.command_v(1.0))
+        Ok(self.config.wiring.command_v(Amps(1.0)).0)
     }
 
     fn supply4q(&mut self) -> Result<&mut instruments::supply4q::Supply4q, BenchError> {

@@ -5,6 +5,8 @@
 //! meters, probes, limits and safe state. After a failure that makes the next check unsafe,
 //! nothing is energised any more. The bench always ends in a safe state.
 
+use ::instruments::units::Volts;
+
 mod examination;
 mod findings;
 pub mod fixture_check;
@@ -52,7 +54,7 @@ pub const LIVE: [&str; 16] = [
 ];
 
 /// Voltages that a guardian may find at a jig with copper in it, V.
-pub const COPPER_WINDOW_V: (f64, f64) = (-1.0, 1.0);
+pub const COPPER_WINDOW_V: (Volts, Volts) = (Volts(-1.0), Volts(1.0));
 
 impl<'a> Examination<'a> {
     /// Begins with an open bench and the findings about the machine.

@@ -65,11 +65,11 @@ fn judge(
     }
     let age_s = clock::unix_time_s() - report.unix_s;
     let valid_s = config.doctor.valid_for_s;
-    (age_s > valid_s).then(|| {
+    (age_s > valid_s.0).then(|| {
         format!(
             "{of} is {:.0} days old, and valid for {:.0}",
             age_s / 86_400.0,
-            valid_s / 86_400.0
+            valid_s.value() / 86_400.0
         )
     })
 }

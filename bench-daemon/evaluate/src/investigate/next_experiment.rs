@@ -1,6 +1,5 @@
 //! Writes the recommended run of a diagnosis as an experiment file that the daemon reads. Settings
 //! outside the limits of cell or bench are refused when it is read.
-
 use std::fmt::Write as _;
 
 use analysis::{
@@ -185,6 +184,7 @@ fn timed(segments: &[(f64, f64)]) -> Vec<(f64, f64)> {
 
 #[cfg(test)]
 mod tests {
+    use instruments::units::{Amps, Celsius, Ohms, Seconds, Volts};
     use std::path::Path;
 
     use super::*;
@@ -263,26 +263,27 @@ mod tests {
             experiment.eis.is_none()
                 && experiment
                     .temperature
-                    .is_some_and(|t| t.setpoint_degc == 25.0)
+                    .is_some_and(|t| t.setpoint_degc == Celsius(25.0))
         );
         let [trace] = experiment.traces.as_slice() else {
             panic!("one trace")
         };
         assert_eq!(
             (trace.repeat, trace.rest_s, trace.repeat_group.as_str()),
-            (3, 600.0, "group")
+            (3, Seconds(600.0), "group")
         );
         let back: Vec<(f64, f64)> = trace
             .segments
             .iter()
-            .map(|s| (s.duration_s, s.current_a))
+            .map(|s| (s.duration_s.value(), s.current_a.value()))
             .collect();
         assert_eq!(
             back,
             [(2.0, 0.0), (0.5, -18.0), (0.692, 13.0), (300.0, 0.0)]
         );
         assert!(
-            (trace.start_v.0 - 3.6).abs() < 1e-9 && (trace.resistance_max_ohm - 31e-3).abs() < 1e-9
+            (trace.start_v.0 - Volts(3.6)).abs() < Volts(1e-9)
+                && (trace.resistance_max_ohm - Ohms(31e-3)).abs() < Ohms(1e-9)
         );
     }
 
@@ -299,15 +300,19 @@ mod tests {
         let eis = on_cell.eis.unwrap();
         assert_eq!(
             (eis.repeat, eis.amplitude_a, eis.rest_s, eis.freqs_hz.len()),
-            (3, 5.0, 600.0, 6)
+            (3, Amps(5.0), Seconds(600.0), 6)
         );
-        assert!(on_cell.temperature.is_some_and(|t| t.setpoint_degc == 35.0));
+        assert!(
+            on_cell
+                .temperature
+                .is_some_and(|t| t.setpoint_degc == Celsius(35.0))
+        );
         let reset = on_cell.soc_reset.unwrap();
         let rest_v = ocv().voltage_v(0.7);
         assert!(
-            reset.charge_until_v > rest_v
-                && reset.charge_until_v < rest_v + 0.1
-                && reset.discharge_until_v < rest_v
+            reset.charge_until_v > Volts(rest_v)
+                && reset.charge_until_v < Volts(rest_v + 0.1)
+                && reset.discharge_until_v < Volts(rest_v)
         );
         let on_shunt = read_back(&[run(Fixture::Shunt(10e-3), what)]);
         assert_eq!(
@@ -330,8 +335,8 @@ mod tests {
         };
         let bias = read_back(&[run(cell(), what)]).eis.unwrap().bias.unwrap();
         // A discharge is negative in a file.
-        assert_eq!(bias.levels_a, [-2.5]);
-        assert!((bias.resistance_ohm - 31e-3).abs() < 1e-9);
+        assert_eq!(bias.levels_a, [Amps(-2.5)]);
+        assert!((bias.resistance_ohm - Ohms(31e-3)).abs() < Ohms(1e-9));
     }
 
     #[test]

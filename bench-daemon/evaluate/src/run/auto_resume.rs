@@ -86,7 +86,7 @@ impl Budget {
             self.passing += 1;
             let wait_s = self.policy.pause_s * f64::from(1 << self.stalled.min(MOST_DOUBLED));
             return Some((
-                wait_s,
+                wait_s.0,
                 format!(
                     "{} of {} for faults that pass",
                     self.passing, self.policy.passing
@@ -96,7 +96,7 @@ impl Budget {
         if may_pass(failure) && self.others < self.policy.most {
             self.others += 1;
             return Some((
-                self.policy.after_s,
+                self.policy.after_s.0,
                 format!("{} of {} by [resume]", self.others, self.policy.most),
             ));
         }
@@ -319,6 +319,7 @@ impl Session {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use instruments::units::Seconds;
 
     fn lost() -> BenchError {
         let source = instruments::link::LinkError::Dropped {
@@ -337,9 +338,9 @@ mod tests {
     fn waits(most: usize, at: impl Fn(usize) -> (Failure, usize, f64)) -> Vec<Option<f64>> {
         let mut budget = Budget::of(AutoResume {
             passing: 5,
-            pause_s: 5.0,
+            pause_s: Seconds(5.0),
             most,
-            after_s: 300.0,
+            after_s: Seconds(300.0),
         });
         let next = |k| {
             let (failure, points, now_s) = at(k);

@@ -9,6 +9,7 @@ use analysis::{
 use instruments::{
     clock::{Clock, TimeMode},
     fixture::Fixture,
+    units::{Amps, Coulombs},
 };
 
 use super::{
@@ -65,7 +66,7 @@ pub(super) async fn drive(
     recorder.journal(Entry::Safe)?;
     let PriorResults { inherited, context } = before;
     let accumulator = RunAccumulator::new(experiment, inherited.clone());
-    recorder.about(&experiment.cell.name, experiment.cell.capacity_coulomb);
+    recorder.about(&experiment.cell.name, experiment.cell.capacity_coulomb.0);
     let mut executor = Executor::new(
         Rig::new(
             bench,
@@ -130,7 +131,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             .and_then(Stage::specimen)
             .cloned();
         let left_coulomb = context.charge_left_coulomb(self.executor.rig.recorder, self.plan)?;
-        self.executor.take_over(latest, left_coulomb);
+        self.executor.take_over(latest, Coulombs(left_coulomb));
         self.reached = self.reached_before(context);
         self.recall_records(context);
         for (number, stage) in self
@@ -281,7 +282,7 @@ impl<'a, 'b> Drive<'a, 'b> {
     /// current that begins anew begins without points: they belong to another charge.
     fn known(&self, number: usize, from: usize) -> Vec<&'b PointDone> {
         let stage = self.plan.stages.get(number);
-        if from == 0 && stage.is_some_and(|stage| stage.bias_a() != 0.0) {
+        if from == 0 && stage.is_some_and(|stage| stage.bias_a() != Amps(0.0)) {
             return Vec::new();
         }
         self.context
@@ -336,11 +337,11 @@ impl<'a, 'b> Drive<'a, 'b> {
             // Even if the discharge has ended before its charge.
             0.0
         } else {
-            self.executor.charge_coulomb() + point.below_full_coulomb
+            (self.executor.charge_coulomb() + point.below_full_coulomb).value()
         };
         let at = Standing {
             beyond_coulomb,
-            within_coulomb: point.within_coulomb,
+            within_coulomb: point.within_coulomb.0,
             held: self.held,
         };
         way.before(number, stage.purpose, &at)
@@ -425,8 +426,10 @@ impl<'a, 'b> Drive<'a, 'b> {
             .context
             .filter(|_| !resume_point.points.is_empty())
             .and_then(|context| context.replay.stages.get(&number));
-        let start_time_s =
-            start_time_s.map_or_else(|| self.executor.rig.clock.now_s(), |replay| replay.began_s);
+        let start_time_s = start_time_s.map_or_else(
+            || self.executor.rig.clock.now_s(),
+            |replay| replay.began_s.0,
+        );
         let recorder = &mut *self.executor.rig.recorder;
         recorder.forget_sweep(sweep_writer.indexed());
         recorder.drop_captures(&sweep_writer.name, &resume_point.points)?;

@@ -1,6 +1,8 @@
 //! The table of the points of a map, which grows with the run, and the stages that bring the cell back
 //! to a point.
 
+use instruments::units::Celsius;
+
 use analysis::run_folder::{self, MAP_POINTS, MapPoint as Row};
 
 use bench_core::{
@@ -120,10 +122,10 @@ impl<'a> MapTable<'a> {
         let row = Row {
             number: run.number,
             soc: 1.0 + charge_coulomb / self.map.capacity_coulomb,
-            soc_by_ocv: self.map.ocv.soc_at(ocv_v),
-            temperature_degc,
-            ocv_v,
-            charge_coulomb,
+            soc_by_ocv: self.map.ocv.soc_at(ocv_v.0),
+            temperature_degc: temperature_degc.map(Celsius::value),
+            ocv_v: ocv_v.0,
+            charge_coulomb: charge_coulomb.0,
             spectrum: None,
             series: Vec::new(),
         };

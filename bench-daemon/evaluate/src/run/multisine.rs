@@ -12,7 +12,10 @@ use analysis::{
     series::Role,
     spectrum::{ChannelPhasors, FlaggedPoint, ImpedancePoint, Spectrum, raw_impedance},
 };
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Celsius, Volts},
+};
 
 use super::{Measured, sweep_writer};
 use bench_core::{
@@ -97,7 +100,7 @@ pub(super) async fn measure(
             experiment,
             stage,
             number,
-            start_s: first_s.map_or(start_s, |point| point.time_s),
+            start_s: first_s.map_or(start_s, |point| point.time_s.0),
         };
         runs.push(finish(executor, &begun, points, lines, measured, took_s)?);
     }
@@ -142,7 +145,7 @@ fn finish(
             flagged,
             took_s,
             conditions: points.iter().filter_map(|point| point.conditions).collect(),
-            rest_v,
+            rest_v: rest_v.map(Volts::value),
         },
     )?;
     let corrected = measured.correction.reduced_chi2.is_some();
@@ -307,11 +310,11 @@ fn entry(executor: &Executor<'_>, begun: &Begun<'_>, measured: &Measured) -> Swe
         .multisine
         .as_ref()
         .is_some_and(|m| m.operando);
-    let repeat_group = match (bias_a != 0.0, operando) {
+    let repeat_group = match (bias_a != Amps(0.0), operando) {
         // Each is at another charge or temperature.
         _ if stage.point().is_some() => format!("multisine_point_{repeat}"),
         (false, _) => "multisine".to_owned(),
-        (true, false) => format!("multisine_bias{bias_a:+}A"),
+        (true, false) => format!("multisine_bias{:+}A", bias_a.value()),
         // Each is at another charge.
         (true, true) => format!("operando_{repeat}"),
     };
@@ -321,14 +324,14 @@ fn entry(executor: &Executor<'_>, begun: &Begun<'_>, measured: &Measured) -> Swe
         cell: None,
         fixture_ohm: None,
         corrected: measured.correction.reduced_chi2.is_some(),
-        amplitude_a: stage.steps.iter().find_map(driven).unwrap_or(f64::NAN),
-        bias_a,
+        amplitude_a: stage.steps.iter().find_map(driven).unwrap_or(Amps::NAN).0,
+        bias_a: bias_a.0,
         conditions: Vec::new(),
         repeat,
         order: executor.rig.recorder.measured(),
         start_time_s,
-        start_ocv_v: executor.known.idle.voltage_v,
-        temperature_degc: executor.known.idle.temperature_degc,
+        start_ocv_v: executor.known.idle.voltage_v.map(Volts::value),
+        temperature_degc: executor.known.idle.temperature_degc.map(Celsius::value),
         role: Role::Train,
         repeat_group,
         flagged: Vec::new(),

@@ -391,7 +391,7 @@ impl Run<'_> {
         let Some((context, volts)) = self.context.as_ref().zip(volts).filter(|_| quiet) else {
             return Ok(());
         };
-        let Some(text) = context.moved(volts) else {
+        let Some(text) = context.moved(volts.0) else {
             return Ok(());
         };
         if !context.accepted.charge {

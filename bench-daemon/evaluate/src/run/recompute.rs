@@ -52,6 +52,7 @@ use bench_plan::{
 use instruments::{
     clock::{Clock, TimeMode},
     fixture::Fixture,
+    units::{Amps, Hertz},
 };
 pub use recorded::Recorded;
 use recorded::figures;
@@ -237,7 +238,7 @@ impl Recorded {
             self.replay
                 .stages
                 .get(stage)
-                .map_or(0.0, |replay| replay.began_s)
+                .map_or(0.0, |replay| replay.began_s.value())
         };
         stages.sort_by(|a, b| began_s(a).total_cmp(&began_s(b)).then(a.cmp(b)));
         for number in stages {
@@ -380,7 +381,7 @@ impl Recorded {
             fixture,
             index,
             freq_hz: meta.freq_hz,
-            mains_hz: eis.and_then(|eis| eis.mains_hz),
+            mains_hz: eis.and_then(|eis| eis.mains_hz).map(Hertz::value),
             amplitude_a: self.amplitude_a(known),
             shunt_ohm: self.experiment.bench.wiring.shunt.r_ohm,
         };
@@ -445,7 +446,7 @@ impl Recorded {
             } if index == known.point.index => Some(amplitude_a),
             _ => None,
         });
-        driven.unwrap_or(f64::NAN)
+        driven.unwrap_or(Amps::NAN).0
     }
 
     /// Returns the potentials of the channels with the run's controls in the jig.

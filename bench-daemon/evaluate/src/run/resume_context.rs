@@ -134,7 +134,7 @@ impl ResumeContext {
         let passed_s = run_folder::started_unix_s(folder)
             .filter(|_| real)
             .map_or(0.0, |start_s| clock::unix_time_s() - start_s);
-        passed_s.max(self.replay.last_s)
+        passed_s.max(self.replay.last_s.0)
     }
 
     /// Checks whether the run has begun anything that may have left a current flowing.
@@ -171,7 +171,7 @@ impl ResumeContext {
             // A sweep under a direct current is repeated as a whole.
             return None;
         }
-        let before_v = first.idle.voltage_v?;
+        let before_v = first.idle.voltage_v?.value();
         if self.next.repeated_reset.is_some() || (volts - before_v).abs() <= MOVED_V {
             return None;
         }
@@ -224,7 +224,7 @@ impl ResumeContext {
             .iter()
             .enumerate()
             .filter(|(_, stage)| resets(stage))
-            .filter_map(|(number, _)| began(number));
+            .filter_map(|(number, _)| Some(began(number)?.value()));
         if !same_cell || reset.fold(f64::NEG_INFINITY, f64::max) > last.start_time_s {
             return Ok(0.0);
         }
@@ -268,7 +268,7 @@ impl ResumeContext {
 fn left_by(recorder: &Recorder, trace: &TraceEntry) -> Result<f64, Failure> {
     let rows = analysis::dataset::read_trace_csv(&recorder.path(&trace.file))
         .map_err(bench_core::record::RecordError::from)?;
-    Ok(trace.charge_before_coulomb + charge_of(&rows))
+    Ok(trace.charge_before_coulomb + charge_of(&rows).value())
 }
 
 /// Reads the experiment that a run began with, from the copies in its folder.
@@ -352,6 +352,7 @@ mod tests {
         config::{Eis, load_experiment},
         measure::quality::Quality,
     };
+    use instruments::units::{Coulombs, Hertz, Seconds};
 
     const QUALITY: Quality = Quality {
         noise: 0.01,
@@ -360,8 +361,8 @@ mod tests {
         repeatability: 0.01,
         kramers_kronig: 0.01,
         again: 0,
-        time_s: 0.0,
-        charge_coulomb: 0.0,
+        time_s: Seconds(0.0),
+        charge_coulomb: Coulombs(0.0),
     };
 
     #[test]
@@ -380,7 +381,7 @@ mod tests {
             |eis| eis.record_points += 1,
             |eis| eis.memory_points *= 10,
             |eis| eis.periods_on_screen += 1.0,
-            |eis| eis.mains_hz = Some(60.0),
+            |eis| eis.mains_hz = Some(Hertz(60.0)),
             |eis| eis.overlap = Some(!eis.overlap.unwrap_or_default()),
             |eis| eis.quality = Some(QUALITY),
         ];

@@ -74,7 +74,7 @@ impl<'a> RunAccumulator<'a> {
         repeat: usize,
     ) -> SweepWriter<'a> {
         let writer = SweepWriter::new(self.experiment, fixture, repeat, &self.measured);
-        writer.under(stage.bias_a())
+        writer.under(stage.bias_a().0)
     }
 
     /// Evaluates a complete sweep. `restored` means that its results were already reported.

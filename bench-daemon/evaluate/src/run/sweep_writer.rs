@@ -8,7 +8,10 @@ use analysis::{
     series::Role,
     spectrum::{ChannelPhasors, FlaggedPoint, ImpedancePoint, Spectrum, at_one_time},
 };
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Celsius, Seconds, Volts},
+};
 use num_complex::Complex64;
 
 use super::Measured;
@@ -141,7 +144,7 @@ impl<'a> SweepWriter<'a> {
             at_one_time(
                 &points
                     .iter()
-                    .map(|point| (point.time_s, of(point)))
+                    .map(|point| (point.time_s.value(), of(point)))
                     .collect::<Vec<_>>(),
             )
         };
@@ -161,14 +164,14 @@ impl<'a> SweepWriter<'a> {
         let (begin_s, end_s) = points
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| {
-                (a.min(p.time_s), b.max(p.time_s))
+                (a.min(p.time_s.0), b.max(p.time_s.0))
             });
         points.dedup_by(|a, b| {
             let same = a.phasors.freq_hz == b.phasors.freq_hz;
             if same {
                 b.failing.append(&mut a.failing);
                 // Its impedance is stated for this time.
-                b.time_s = 0.5 * (begin_s + end_s);
+                b.time_s = Seconds(0.5 * (begin_s + end_s));
             }
             same
         });
@@ -290,7 +293,7 @@ impl<'a> SweepWriter<'a> {
                 None
             }
         });
-        let amplitude_a = driven.unwrap_or(f64::NAN);
+        let amplitude_a = driven.unwrap_or(Amps::NAN).value();
         let several = experiment
             .eis
             .as_ref()
@@ -322,8 +325,18 @@ impl<'a> SweepWriter<'a> {
             repeat: self.run.as_ref().map_or(self.repeat, |run| run.repeat),
             order: executor.rig.recorder.measured(),
             start_time_s,
-            start_ocv_v: executor.known.idle.voltage_v.filter(|_| cell),
-            temperature_degc: executor.known.idle.temperature_degc.filter(|_| cell),
+            start_ocv_v: executor
+                .known
+                .idle
+                .voltage_v
+                .filter(|_| cell)
+                .map(Volts::value),
+            temperature_degc: executor
+                .known
+                .idle
+                .temperature_degc
+                .filter(|_| cell)
+                .map(Celsius::value),
             role: Role::Train,
             repeat_group: self.run.as_ref().map_or(group, |run| match run.point {
                 // Each is at another charge or temperature.
@@ -346,7 +359,7 @@ impl<'a> SweepWriter<'a> {
             elapsed_s: settled
                 .points
                 .iter()
-                .map(|point| point.time_s - start_time_s)
+                .map(|point| point.time_s.value() - start_time_s)
                 .collect(),
             conditions,
         }

@@ -9,7 +9,7 @@ use instruments::{
     loopback::names_loopback,
     supply4q::{self, AnalogSelect, Capabilities, Holds, Rating},
     transport::Address,
-    units::{Amps, Hertz, Volts},
+    units::{Amps, Hertz, Kelvins, Seconds, Volts},
 };
 
 use crate::mocks::{Quirks, Schedule};
@@ -85,25 +85,25 @@ impl Bench {
 #[derive(Debug, Clone, Copy)]
 pub struct Guardian {
     /// Silence of the daemon, s, after which the guardian ends it and switches off.
-    pub lease_s: f64,
+    pub lease_s: Seconds,
     /// Longest computation of the daemon between two waits, s: after it the daemon counts as hung,
     /// and the lease is not renewed.
-    pub stall_s: f64,
+    pub stall_s: Seconds,
 }
 
 /// Control of a bath with relays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thermostat {
     /// Distance from the set-point at which a relay is always on, K.
-    pub band_k: f64,
+    pub band_k: Kelvins,
     /// Time in which a standing error doubles its effect, s.
-    pub integral_s: f64,
+    pub integral_s: Seconds,
     /// Interval in which a relay is switched on once, s.
-    pub window_s: f64,
+    pub window_s: Seconds,
     /// Longest time without a reading before the run is stopped, s.
-    pub stale_s: f64,
+    pub stale_s: Seconds,
     /// Offset of the sensor: reading minus true temperature, K.
-    pub sensor_offset_k: f64,
+    pub sensor_offset_k: Kelvins,
 }
 
 /// Requirement of a run on the last report of `eis-bench doctor`.
@@ -112,7 +112,7 @@ pub struct Doctor {
     /// Whether a missing valid report prevents energising; otherwise it is only reported.
     pub required: bool,
     /// Validity of a report, s.
-    pub valid_for_s: f64,
+    pub valid_for_s: Seconds,
 }
 
 /// The instruments by role.
@@ -182,7 +182,7 @@ impl Instruments {
 
 /// Default of the longest usual time until an instrument replies to a query, s. Makers' figures
 /// and owners' measurements are below it (`docs/safety.md`).
-pub const ANSWER_S: f64 = 0.3;
+pub const ANSWER_S: Seconds = Seconds(0.3);
 
 /// A model at an address.
 #[derive(Debug, Clone)]
@@ -194,7 +194,7 @@ pub struct Instrument {
     /// Text in the identity of another model that is accepted as this one.
     pub accept: Option<String>,
     /// Longest usual time until it answers a question, s.
-    pub answer_s: f64,
+    pub answer_s: Seconds,
     /// Rating of a bipolar supply, if the bench file states it.
     pub rating: Option<Rating>,
     /// Whether a load measures at its sense terminals; `None` to leave it as it is.
@@ -223,7 +223,7 @@ pub struct Wiring {
     /// Factor on the generator's amplitude that makes the current right.
     pub command_trim: f64,
     /// Offset of the generator that brings the mean current to zero, V.
-    pub command_offset_v: f64,
+    pub command_offset_v: Volts,
     /// The number of periods is set on the generator, if it supports bursts.
     pub bursts: bool,
     /// The current shunt.
@@ -235,8 +235,8 @@ pub struct Wiring {
 impl Wiring {
     /// Voltage of the generator that changes the current by `amps`, A, charge positive: the command
     /// without the offset that cancels the zero error of the supply.
-    pub fn command_v(&self, amps: f64) -> f64 {
-        amps * self.volts_per_amp * self.command_trim
+    pub fn command_v(&self, amps: Amps) -> Volts {
+        Volts(amps.value() * self.volts_per_amp * self.command_trim)
     }
 }
 
@@ -250,9 +250,9 @@ pub struct Analog {
     /// discharges.
     pub amps_per_volt: f64,
     /// Rated current of either sign, A.
-    pub rated_a: f64,
+    pub rated_a: Amps,
     /// Greatest frequency that it follows within a few per cent, Hz.
-    pub follows_hz: f64,
+    pub follows_hz: Hertz,
 }
 
 impl Analog {
@@ -261,9 +261,9 @@ impl Analog {
         Capabilities {
             analog_select: AnalogSelect::Wiring,
             holds: Holds::NoLink,
-            full_scale: Amps(self.rated_a),
-            max_freq: Hertz(self.follows_hz),
-            analog_full_scale: Volts(self.rated_a / self.amps_per_volt.abs()),
+            full_scale: self.rated_a,
+            max_freq: self.follows_hz,
+            analog_full_scale: Volts(self.rated_a.value() / self.amps_per_volt.abs()),
         }
     }
 }

@@ -1,7 +1,10 @@
 //! The direct current under the signals of `[eis]` and `[multisine]`: its keys, checked against bench
 //! and cell.
 
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Celsius, Ohms, Seconds},
+};
 
 use super::{
     ConfigError, Eis,
@@ -13,7 +16,7 @@ use super::{
 use crate::plan::Bias;
 
 /// Least direct current, A: a smaller one is of the size of a zero error.
-const LEAST_A: f64 = 0.1;
+const LEAST_A: Amps = Amps(0.1);
 /// Greatest charge of a group of points, as a share of the capacity.
 const MOST_CHARGE: f64 = 0.2;
 
@@ -42,7 +45,7 @@ impl Check<'_> {
             return self.refuse_alone(raw).map(|()| None);
         };
         let levels_a = self.levels(raw, list)?;
-        if levels_a == [0.0] {
+        if levels_a == [Amps::ZERO] {
             return self.refuse_alone(raw).map(|()| None);
         }
         let Some(resistance) = raw.resistance else {
@@ -54,7 +57,9 @@ impl Check<'_> {
         let charge = raw.charge.map_or(EisBias::CHARGE, |share| share.si);
         let charges = 0.001..=raw.most_charge;
         let charge = self.within(&raw.field("bias_charge"), charge, charges, "(share)")?;
-        let settle_s = raw.settle.map_or(EisBias::SETTLE_S, |settle| settle.si);
+        let settle_s = raw
+            .settle
+            .map_or(EisBias::SETTLE_S, |settle| Seconds(settle.si));
         let resistance_ohm = self.within(
             &raw.field("resistance_max"),
             resistance.si,
@@ -64,8 +69,13 @@ impl Check<'_> {
         Ok(Some(EisBias {
             levels_a,
             most_coulomb: charge * self.cell.capacity_coulomb,
-            resistance_ohm,
-            settle_s: self.within(&raw.field("bias_settle"), settle_s, 5.0..=3600.0, "s")?,
+            resistance_ohm: Ohms(resistance_ohm),
+            settle_s: self.within(
+                &raw.field("bias_settle"),
+                settle_s,
+                Seconds(5.0)..=Seconds(3600.0),
+                "s",
+            )?,
             capacity_coulomb: self.cell.capacity_coulomb,
         }))
     }
@@ -114,7 +124,7 @@ impl Check<'_> {
         &self,
         raw: &RawBias<'_>,
         list: &[Quantity<Current>],
-    ) -> Result<Vec<f64>, ConfigError> {
+    ) -> Result<Vec<Amps>, ConfigError> {
         // −0 and 0 are one current.
         let mut levels_a: Vec<f64> = list.iter().map(|level| level.si + 0.0).collect();
         let differ = levels_a
@@ -129,17 +139,15 @@ impl Check<'_> {
         }
         if let Some(small) = levels_a
             .iter()
-            .find(|level| **level != 0.0 && level.abs() < LEAST_A)
+            .find(|level| **level != 0.0 && level.abs() < LEAST_A.value())
         {
             return Err(self.complain(
                 &raw.field("bias"),
-                format!(
-                    "expected 0 A, or at least {LEAST_A} A in either direction, found {small} A"
-                ),
+                format!("expected 0 A, or at least {LEAST_A} in either direction, found {small} A"),
             ));
         }
         levels_a.sort_by_key(|level| *level != 0.0);
-        Ok(levels_a)
+        Ok(levels_a.into_iter().map(Amps).collect())
     }
 
     /// Refuses keys that have no effect without a direct current.
@@ -166,8 +174,8 @@ impl Check<'_> {
         &self,
         field: &str,
         bias: &EisBias,
-        amplitude_a: f64,
-        setpoint_degc: Option<f64>,
+        amplitude_a: Amps,
+        setpoint_degc: Option<Celsius>,
     ) -> Result<(), ConfigError> {
         let limits = &self.cell.limits;
         let (driven_a, what) = self
@@ -177,7 +185,7 @@ impl Check<'_> {
             let (least_a, greatest_a) = (bias_a - amplitude_a, bias_a + amplitude_a);
             if -least_a > limits.discharge_a || greatest_a > limits.charge_a {
                 let reason = format!(
-                    "expected {bias_a} A ± {amplitude_a} A within -{} A to {} A, the limits of the \
+                    "expected {bias_a} ± {amplitude_a} within -{} to {}, the limits of the \
                     cell",
                     limits.discharge_a, limits.charge_a
                 );
@@ -185,7 +193,7 @@ impl Check<'_> {
             }
             if bias_a.abs() + amplitude_a > driven_a {
                 let reason = format!(
-                    "expected {bias_a} A ± {amplitude_a} A within ±{driven_a:.3} A, the limits of \
+                    "expected {bias_a} ± {amplitude_a} within ±{driven_a:.3}, the limits of \
                     {what} and its generator"
                 );
                 return Err(self.complain(field, reason));
@@ -194,8 +202,8 @@ impl Check<'_> {
             let warmest_degc = setpoint_degc.map(|degc| degc + rise_k);
             if let Some(warmest_degc) = warmest_degc.filter(|degc| *degc > limits.max_degc) {
                 let reason = format!(
-                    "expected the cell to stay below {} °C, found up to {warmest_degc:.1} °C: \
-                    {bias_a} A warm it by {rise_k:.1} K at worst",
+                    "expected the cell to stay below {}, found up to {warmest_degc:.1}: \
+                    {bias_a} warm it by {rise_k:.1} at worst",
                     limits.max_degc
                 );
                 return Err(self.complain(field, reason));
@@ -207,9 +215,9 @@ impl Check<'_> {
 
 impl EisBias {
     /// Returns the ramp from zero to a direct current, A.
-    pub fn plan(&self, bias_a: f64, amplitude_a: f64) -> Bias {
+    pub fn plan(&self, bias_a: Amps, amplitude_a: Amps) -> Bias {
         Bias {
-            from_a: 0.0,
+            from_a: Amps::ZERO,
             to_a: bias_a,
             settle_s: self.settle_s,
             amplitude_a,
@@ -223,16 +231,16 @@ impl EisBias {
 impl Eis {
     /// Returns the sweeps of a round: direct current and amplitude of each, A. Every second round is
     /// reversed, so that a linear drift of the cell cancels in the means over two rounds.
-    pub fn sweeps_of(&self, round: usize) -> Vec<[f64; 2]> {
+    pub fn sweeps_of(&self, round: usize) -> Vec<[Amps; 2]> {
         let levels_a = match &self.bias {
             Some(bias) if self.fixture == Fixture::Cell => bias.levels_a.as_slice(),
-            _ => &[0.0],
+            _ => &[Amps::ZERO],
         };
         let all = levels_a.iter().flat_map(|bias_a| {
-            let with = |amplitude_a: &f64| [*bias_a, *amplitude_a];
+            let with = |amplitude_a: &Amps| [*bias_a, *amplitude_a];
             self.steps_a.iter().map(with)
         });
-        let mut sweeps: Vec<[f64; 2]> = all.collect();
+        let mut sweeps: Vec<[Amps; 2]> = all.collect();
         if levels_a.len() > 1 && round.is_multiple_of(2) {
             sweeps.reverse();
         }

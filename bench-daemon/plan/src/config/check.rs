@@ -6,7 +6,12 @@ use std::ops::RangeInclusive;
 use analysis_fit::fit::{MAX_RC, Objective};
 use analysis_signal::calibration::ControlTolerance;
 use instruments::{
-    chiller, fixture::Fixture, generator, instrument::by_key, load, scope, supply, units::Seconds,
+    chiller,
+    fixture::Fixture,
+    generator,
+    instrument::by_key,
+    load, scope, supply,
+    units::{Amps, Celsius, Coulombs, Hertz, Kelvins, Seconds, Unit, Volts},
 };
 
 use super::{
@@ -16,28 +21,28 @@ use super::{
 use crate::mocks::HISTORY_S;
 
 /// How far the end of a charge lies below the limit of the supply at least, V.
-const CHARGE_MARGIN_V: f64 = 0.02;
+const CHARGE_MARGIN_V: Volts = Volts(0.02);
 /// Greatest part of the capacity that half a period of a sine may move.
 const MOST_SWING: f64 = 0.02;
 /// Distance below the end of a discharge at which the load stops automatically, V.
-pub const LOAD_CUT_OFF_V: f64 = 0.05;
+pub const LOAD_CUT_OFF_V: Volts = Volts(0.05);
 /// A frame on the simulated bench ends within this many periods before it is fetched.
 const SIMULATED_SLACK_PERIODS: f64 = 3.0;
 /// Number of samples per period below which a fitted sinusoid is unreliable.
 const MIN_SAMPLES_PER_PERIOD: f64 = 8.0;
 /// Rest before each sweep beside a direct current, if it is not stated, s: the charge of the sweep
 /// before it has been brought back, but the voltage still relaxes.
-const BIAS_REST_S: f64 = 300.0;
+const BIAS_REST_S: Seconds = Seconds(300.0);
 
 /// Frequencies that the instruments of a sweep reach.
 #[derive(Clone, Copy)]
 struct Reach {
     /// Least that the generator sets.
-    least_hz: f64,
+    least_hz: Hertz,
     /// Greatest that the generator sets.
-    greatest_hz: f64,
+    greatest_hz: Hertz,
     /// Greatest that the supply follows, too.
-    driven_hz: f64,
+    driven_hz: Hertz,
 }
 
 /// Refuses a sweep whose slowest frame a simulated bench would have discarded before it is
@@ -48,19 +53,18 @@ pub fn check_frames(bench: &Bench, eis: &Eis) -> Result<(), String> {
         .scope
         .as_ref()
         .and_then(|scope| by_key(scope::DIALECTS, &scope.model));
-    let (Some(scope), Some(slowest_hz), Some(_)) = (scope, eis.freqs_hz.first(), &bench.simulation)
+    let (Some(scope), Some(slowest_hz), Some(_)) =
+        (scope, eis.freqs_hz.first().copied(), &bench.simulation)
     else {
         return Ok(());
     };
     let capabilities = scope.capabilities();
-    let screen_s = capabilities
-        .time_per_div(Seconds(eis.periods_on_screen / slowest_hz))
-        .value()
-        * capabilities.horizontal_div;
-    if screen_s + SIMULATED_SLACK_PERIODS / slowest_hz > HISTORY_S {
+    let screen_s =
+        capabilities.time_per_div(eis.periods_on_screen / slowest_hz) * capabilities.horizontal_div;
+    if screen_s + SIMULATED_SLACK_PERIODS / slowest_hz > Seconds(HISTORY_S) {
         return Err(format!(
             "expected a frame of at most {HISTORY_S} s, which is what the simulated bench \
-            remembers, found {screen_s} s"
+            remembers, found {screen_s}"
         ));
     }
     Ok(())
@@ -79,17 +83,18 @@ impl Check<'_> {
         self.source.complain(field, reason)
     }
 
-    pub(super) fn within(
+    pub(super) fn within<Q: Unit>(
         &self,
         field: &str,
-        value: f64,
-        range: RangeInclusive<f64>,
+        value: Q,
+        range: RangeInclusive<Q>,
         unit: &str,
-    ) -> Result<f64, ConfigError> {
-        let (least, greatest) = range.into_inner();
-        if (least..=greatest).contains(&value) {
+    ) -> Result<Q, ConfigError> {
+        if range.contains(&value) {
             return Ok(value);
         }
+        let (least, greatest) = (range.start().number(), range.end().number());
+        let value = value.number();
         Err(self.complain(
             field,
             format!("expected {least} {unit} to {greatest} {unit}, found {value} {unit}"),
@@ -140,24 +145,29 @@ impl Check<'_> {
         Ok(Temperature {
             setpoint_degc: self.within(
                 "temperature.setpoint",
-                raw.setpoint.si,
+                Celsius(raw.setpoint.si),
                 self.temperatures_of_bench(),
                 "°C",
             )?,
-            within_k: self.within("temperature.within", raw.within.si, 0.01..=5.0, "K")?,
-            timeout_s: self.within("temperature.timeout", raw.timeout.si, 1.0..=86_400.0, "s")?,
+            within_k: Kelvins(self.within("temperature.within", raw.within.si, 0.01..=5.0, "K")?),
+            timeout_s: Seconds(self.within(
+                "temperature.timeout",
+                raw.timeout.si,
+                1.0..=86_400.0,
+                "s",
+            )?),
         })
     }
 
     /// Returns the temperatures within the range of the chiller and the limits of the cell, °C.
-    pub(super) fn temperatures_of_bench(&self) -> RangeInclusive<f64> {
+    pub(super) fn temperatures_of_bench(&self) -> RangeInclusive<Celsius> {
         let (limits, chiller) = (&self.cell.limits, &self.bench.instruments.chiller);
         let range = chiller
             .as_ref()
             .and_then(|chiller| by_key(chiller::DIALECTS, &chiller.model))
             .map(|dialect| dialect.range());
         range.map_or(limits.min_degc..=limits.max_degc, |(low, high)| {
-            low.value().max(limits.min_degc)..=high.value().min(limits.max_degc)
+            low.max(limits.min_degc)..=high.min(limits.max_degc)
         })
     }
 
@@ -220,21 +230,26 @@ impl Check<'_> {
         let driven_hz = self
             .bench
             .bipolar()
-            .map_or(1.0e5, |can| can.max_freq.value());
+            .map_or(Hertz(1.0e5), |can| can.max_freq);
         let mut beyond_hz = Vec::new();
         for frequency in &raw.beyond {
-            let asked_hz = microhertz(frequency.si);
+            let asked_hz = microhertz(Hertz(frequency.si));
             if asked_hz > driven_hz {
                 let model = self.bench.bipolar_model().unwrap_or_default();
                 let reason = format!(
-                    "expected at most {driven_hz} Hz, up to which the bipolar supply {model} \
-                    follows its command, found {asked_hz} Hz"
+                    "expected at most {driven_hz}, up to which the bipolar supply {model} \
+                    follows its command, found {asked_hz}"
                 );
                 return Err(self.complain("fixture_check.beyond", reason));
             }
-            beyond_hz.push(self.within("fixture_check.beyond", asked_hz, 1.0e-3..=1.0e5, "Hz")?);
+            beyond_hz.push(self.within(
+                "fixture_check.beyond",
+                asked_hz,
+                Hertz(1.0e-3)..=Hertz(1.0e5),
+                "Hz",
+            )?);
         }
-        beyond_hz.sort_by(f64::total_cmp);
+        beyond_hz.sort_by(Hertz::total_cmp);
         beyond_hz.dedup();
         Ok(FixtureCheck {
             controls,
@@ -252,77 +267,82 @@ impl Check<'_> {
         )?;
         let limits = &self.cell.limits;
         let load_max = by_key(load::DIALECTS, &load.model)
-            .map_or(0.0, |d| d.capabilities().max_current.value());
+            .map_or(Amps::ZERO, |d| d.capabilities().max_current);
         let supply_max = by_key(supply::DIALECTS, &supply.model)
-            .map_or(0.0, |d| d.capabilities().max_current.value());
+            .map_or(Amps::ZERO, |d| d.capabilities().max_current);
         let window = limits.min_v..=limits.max_v;
         // The load's own cut-off lies between the end of the discharge and the cell's limit.
         let discharge_window = limits.min_v + LOAD_CUT_OFF_V..=limits.max_v;
         let reset = SocReset {
             discharge_a: self.within(
                 "soc_reset.discharge_current",
-                raw.discharge_current.si,
-                0.01..=limits.discharge_a.min(load_max),
+                Amps(raw.discharge_current.si),
+                Amps(0.01)..=limits.discharge_a.min(load_max),
                 "A",
             )?,
             discharge_until_v: self.within(
                 "soc_reset.discharge_until",
-                raw.discharge_until.si,
+                Volts(raw.discharge_until.si),
                 discharge_window,
                 "V",
             )?,
             charge_a: self.within(
                 "soc_reset.charge_current",
-                raw.charge_current.si,
-                0.01..=limits.charge_a.min(supply_max),
+                Amps(raw.charge_current.si),
+                Amps(0.01)..=limits.charge_a.min(supply_max),
                 "A",
             )?,
             charge_limit_v: self.within(
                 "soc_reset.charge_voltage",
-                raw.charge_voltage.si,
+                Volts(raw.charge_voltage.si),
                 window.clone(),
                 "V",
             )?,
             charge_until_v: self.within(
                 "soc_reset.charge_until",
-                raw.charge_until.si,
+                Volts(raw.charge_until.si),
                 window,
                 "V",
             )?,
-            rest_min_s: self.within("soc_reset.rest_min", raw.rest_min.si, 1.0..=86_400.0, "s")?,
-            rest_max_s: self.within(
+            rest_min_s: Seconds(self.within(
+                "soc_reset.rest_min",
+                raw.rest_min.si,
+                1.0..=86_400.0,
+                "s",
+            )?),
+            rest_max_s: Seconds(self.within(
                 "soc_reset.rest_max",
                 raw.rest_max.si,
                 raw.rest_min.si..=86_400.0,
                 "s",
-            )?,
+            )?),
             rest_slope_v_per_s: self.within(
                 "soc_reset.rest_slope",
                 raw.rest_slope.si,
                 1.0e-9..=1.0e-2,
                 "V/s",
             )?,
-            max_s: self.within(
+            max_s: Seconds(self.within(
                 "soc_reset.max_duration",
                 raw.max_duration.si,
                 1.0..=172_800.0,
                 "s",
-            )?,
+            )?),
             acceptance: self.acceptance(raw)?,
         };
         if reset.discharge_until_v >= reset.charge_until_v {
             let reason = format!(
                 "expected less than charge_until ({} V), found {} V",
-                reset.charge_until_v, reset.discharge_until_v
+                reset.charge_until_v.0, reset.discharge_until_v.0
             );
             return Err(self.complain("soc_reset.discharge_until", reason));
         }
         if reset.charge_until_v > reset.charge_limit_v - CHARGE_MARGIN_V {
             let greatest = reset.charge_limit_v - CHARGE_MARGIN_V;
             let reason = format!(
-                "expected at most {greatest:.3} V, below charge_voltage where the current dies \
+                "expected at most {greatest:.3}, below charge_voltage where the current dies \
                 away, found {} V",
-                reset.charge_until_v
+                reset.charge_until_v.0
             );
             return Err(self.complain("soc_reset.charge_until", reason));
         }
@@ -352,7 +372,7 @@ impl Check<'_> {
             )
             .map(|_| raw.attempts)?;
         Ok(Some(Acceptance {
-            band_v: (low_v, high_v),
+            band_v: (Volts(low_v), Volts(high_v)),
             attempts,
             missed: raw.missed,
         }))
@@ -382,20 +402,25 @@ impl Check<'_> {
         let freqs_hz = self.frequencies(
             raw,
             Reach {
-                least_hz,
-                greatest_hz,
-                driven_hz,
+                least_hz: Hertz(least_hz),
+                greatest_hz: Hertz(greatest_hz),
+                driven_hz: Hertz(driven_hz),
             },
         )?;
         if raw.fixture == raw::SweptFixture::Shunt {
             self.needs(instruments.jig.as_ref(), "jig", "eis")?;
         }
         self.within("eis.repeat", raw.repeat as f64, 0.0..=1000.0, "sweeps")?;
-        let full_scale = bipolar.map_or(0.0, |capabilities| capabilities.full_scale.value());
+        let full_scale = bipolar.map_or(Amps::ZERO, |capabilities| capabilities.full_scale);
         let greatest_a = full_scale
             .min(self.cell.limits.charge_a)
             .min(self.cell.limits.discharge_a);
-        let amplitude_a = self.within("eis.amplitude", raw.amplitude.si, 0.01..=greatest_a, "A")?;
+        let amplitude_a = self.within(
+            "eis.amplitude",
+            Amps(raw.amplitude.si),
+            Amps(0.01)..=greatest_a,
+            "A",
+        )?;
         if raw.fixture != raw::SweptFixture::Shunt {
             self.half_period("eis.start", &freqs_hz, amplitude_a)?;
         }
@@ -403,7 +428,11 @@ impl Check<'_> {
         if bias.is_some() {
             self.refuse_analog("eis.bias")?;
         }
-        let rest_s = if bias.is_some() { BIAS_REST_S } else { 0.0 };
+        let rest_s = if bias.is_some() {
+            BIAS_REST_S
+        } else {
+            Seconds::ZERO
+        };
         let eis = Eis {
             fixture: if raw.fixture == raw::SweptFixture::Shunt {
                 Fixture::Shunt
@@ -412,12 +441,22 @@ impl Check<'_> {
             },
             repeat: raw.repeat,
             rest_s: raw.rest_first.map_or(Ok(rest_s), |rest| {
-                self.within("eis.rest_first", rest.si, 0.0..=86_400.0, "s")
+                self.within(
+                    "eis.rest_first",
+                    Seconds(rest.si),
+                    Seconds::ZERO..=Seconds(86_400.0),
+                    "s",
+                )
             })?,
             freqs_hz,
-            amplitude_a,
+            amplitude_a: amplitude_a,
             periods: self.within("eis.periods", raw.periods, 2.0..=10_000.0, "periods")?,
-            extra_wait_s: self.within("eis.extra_wait", raw.extra_wait.si, 0.0..=3600.0, "s")?,
+            extra_wait_s: Seconds(self.within(
+                "eis.extra_wait",
+                raw.extra_wait.si,
+                0.0..=3600.0,
+                "s",
+            )?),
             periods_on_screen: self.within(
                 "eis.periods_on_screen",
                 raw.periods_on_screen,
@@ -429,7 +468,14 @@ impl Check<'_> {
             mains_hz: raw
                 .mains
                 .as_ref()
-                .map(|mains| self.within("eis.mains", mains.si, 10.0..=1000.0, "Hz"))
+                .map(|mains| {
+                    self.within(
+                        "eis.mains",
+                        Hertz(mains.si),
+                        Hertz(10.0)..=Hertz(1000.0),
+                        "Hz",
+                    )
+                })
                 .transpose()?,
             order: raw.order,
             steps_a: self.steps(raw, amplitude_a)?,
@@ -477,42 +523,44 @@ impl Check<'_> {
     fn half_period(
         &self,
         field: &str,
-        freqs_hz: &[f64],
-        amplitude_a: f64,
+        freqs_hz: &[Hertz],
+        amplitude_a: Amps,
     ) -> Result<(), ConfigError> {
-        let freq_hz = freqs_hz.first().copied().unwrap_or(1.0);
+        let freq_hz = freqs_hz.first().copied().unwrap_or(Hertz(1.0));
         let (moved_coulomb, most_coulomb) = (
-            amplitude_a / (std::f64::consts::PI * freq_hz),
+            Coulombs(amplitude_a.value() / (std::f64::consts::PI * freq_hz.value())),
             MOST_SWING * self.cell.capacity_coulomb,
         );
         if moved_coulomb <= most_coulomb {
             return Ok(());
         }
         let reason = format!(
-            "expected half a period to move at most {most_coulomb:.0} C ({} % of the capacity), found \
-            {moved_coulomb:.0} C",
+            "expected half a period to move at most {most_coulomb:.0} ({} % of the capacity), found \
+            {moved_coulomb:.0}",
             100.0 * MOST_SWING
         );
         Err(self.complain(field, reason))
     }
 
     /// The amplitudes of a round, A; the channels' ranges hold the largest.
-    fn steps(&self, raw: &raw::Eis, amplitude_a: f64) -> Result<Vec<f64>, ConfigError> {
+    fn steps(&self, raw: &raw::Eis, amplitude_a: Amps) -> Result<Vec<Amps>, ConfigError> {
         let Some(list) = &raw.amplitude_steps else {
             return Ok(vec![amplitude_a]);
         };
         let mut steps_a = Vec::new();
         for step in list {
-            steps_a.push(self.within("eis.amplitude_steps", step.si, 0.01..=amplitude_a, "A")?);
+            let (step_a, range_a) = (Amps(step.si), Amps(0.01)..=amplitude_a);
+            steps_a.push(self.within("eis.amplitude_steps", step_a, range_a, "A")?);
         }
         let differ = steps_a
             .iter()
             .enumerate()
             .all(|(k, step)| !steps_a[..k].contains(step));
         if steps_a.is_empty() || !differ {
+            let found: Vec<f64> = steps_a.iter().map(|step| step.value()).collect();
             return Err(self.complain(
                 "eis.amplitude_steps",
-                format!("expected amplitudes that differ, found {steps_a:?} A"),
+                format!("expected amplitudes that differ, found {found:?} A"),
             ));
         }
         Ok(steps_a)
@@ -520,7 +568,7 @@ impl Check<'_> {
 
     /// Returns the list as given, or the logarithmic grid, in rising order, between what the
     /// generator can set and what the supply can follow.
-    fn frequencies(&self, raw: &raw::Eis, reach: Reach) -> Result<Vec<f64>, ConfigError> {
+    fn frequencies(&self, raw: &raw::Eis, reach: Reach) -> Result<Vec<Hertz>, ConfigError> {
         let Reach {
             least_hz,
             greatest_hz,
@@ -532,12 +580,12 @@ impl Check<'_> {
                 for frequency in list {
                     freqs_hz.push(self.within(
                         "eis.frequencies",
-                        microhertz(frequency.si),
+                        microhertz(Hertz(frequency.si)),
                         least_hz..=driven_hz,
                         "Hz",
                     )?);
                 }
-                freqs_hz.sort_by(f64::total_cmp);
+                freqs_hz.sort_by(Hertz::total_cmp);
                 self.within(
                     "eis.frequencies",
                     freqs_hz.len() as f64,
@@ -547,13 +595,15 @@ impl Check<'_> {
                 Ok(freqs_hz)
             }
             (None, Some(start), Some(stop), Some(points)) => {
-                let start_hz = self.within("eis.start", start.si, least_hz..=greatest_hz, "Hz")?;
-                let stop_hz = self.within("eis.stop", stop.si, start_hz..=driven_hz, "Hz")?;
+                let start_hz =
+                    self.within("eis.start", Hertz(start.si), least_hz..=greatest_hz, "Hz")?;
+                let stop_hz =
+                    self.within("eis.stop", Hertz(stop.si), start_hz..=driven_hz, "Hz")?;
                 self.within("eis.points", points as f64, 2.0..=1000.0, "points")?;
                 if stop_hz <= start_hz {
                     return Err(self.complain(
                         "eis.stop",
-                        format!("expected more than eis.start ({start_hz} Hz), found {stop_hz} Hz"),
+                        format!("expected more than eis.start ({start_hz}), found {stop_hz}"),
                     ));
                 }
                 Ok(log_grid(start_hz, stop_hz, points, raw.include_stop))
@@ -650,7 +700,7 @@ impl Check<'_> {
 /// `points` frequencies from `start_hz`, evenly spaced on a logarithmic axis, in whole microhertz
 /// so that a generator can set them exactly. With `include_stop` the last is `stop_hz`; without,
 /// the grid is start·(stop/start)^(k/points), as in the thesis' own data.
-fn log_grid(start_hz: f64, stop_hz: f64, points: usize, include_stop: bool) -> Vec<f64> {
+fn log_grid(start_hz: Hertz, stop_hz: Hertz, points: usize, include_stop: bool) -> Vec<Hertz> {
     let intervals = if include_stop { points - 1 } else { points } as f64;
     (0..points)
         .map(|k| microhertz(start_hz * (stop_hz / start_hz).powf(k as f64 / intervals)))
@@ -658,8 +708,8 @@ fn log_grid(start_hz: f64, stop_hz: f64, points: usize, include_stop: bool) -> V
 }
 
 /// Rounds to the generator's resolution.
-fn microhertz(freq_hz: f64) -> f64 {
-    (freq_hz * 1.0e6).round() / 1.0e6
+fn microhertz(freq_hz: Hertz) -> Hertz {
+    Hertz((freq_hz.value() * 1.0e6).round() / 1.0e6)
 }
 
 #[cfg(test)]
@@ -668,14 +718,17 @@ mod tests {
 
     #[test]
     fn the_grid_is_logarithmic_with_and_without_its_end() {
-        let with = log_grid(0.1, 300.0, 20, true);
-        assert_eq!((with.len(), with[0], with[19]), (20, 0.1, 300.0));
-        let without = log_grid(0.1, 300.0, 20, false);
-        assert!(
-            (without[19] - 201.031_999).abs() < 1.0e-6,
-            "{}",
-            without[19]
+        let with = log_grid(Hertz(0.1), Hertz(300.0), 20, true);
+        assert_eq!(
+            (with.len(), with[0], with[19]),
+            (20, Hertz(0.1), Hertz(300.0))
         );
-        assert!((without[1] - 0.149_230).abs() < 1.0e-9);
+        let without = log_grid(Hertz(0.1), Hertz(300.0), 20, false);
+        assert!(
+            (without[19] - Hertz(201.031_999)).abs() < Hertz(1.0e-6),
+            "{}",
+            without[19].0
+        );
+        assert!((without[1] - Hertz(0.149_230)).abs() < Hertz(1.0e-9));
     }
 }

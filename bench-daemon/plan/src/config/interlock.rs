@@ -3,6 +3,8 @@
 
 use serde::Deserialize;
 
+use instruments::units::{Coulombs, KelvinsPerSecond, Seconds};
+
 use super::{
     ConfigError, Source,
     quantity::{Duration, Quantity, Share, TemperatureRate},
@@ -46,7 +48,7 @@ impl Section {
     pub(super) fn resolve(
         &self,
         source: &Source,
-        capacity_coulomb: f64,
+        capacity_coulomb: Coulombs,
     ) -> Result<Settings, ConfigError> {
         let within = |(field, typed, default, (least, greatest), unit): Field<'_>| {
             let value = typed.unwrap_or(default);
@@ -73,14 +75,14 @@ impl Section {
             "K/min",
         );
         Ok(Settings {
-            rate_k_per_s: within(rate)? / 60.0,
-            window_s: within((
+            rate_k_per_s: KelvinsPerSecond(within(rate)? / 60.0),
+            window_s: Seconds(within((
                 "temperature_window",
                 si(self.temperature_window),
                 60.0,
                 (20.0, 600.0),
                 "s",
-            ))?,
+            ))?),
             charge_coulomb: 0.01
                 * capacity_coulomb
                 * within((
@@ -109,27 +111,27 @@ impl Section {
                     (0.01, 1000.0),
                     "%",
                 ))?,
-            frozen_s: within((
+            frozen_s: Seconds(within((
                 "frozen_time",
                 si(self.frozen_time),
                 30.0,
                 (10.0, 3600.0),
                 "s",
-            ))?,
-            reading_age_s: within((
+            ))?),
+            reading_age_s: Seconds(within((
                 "reading_age_max",
                 si(self.reading_age_max),
                 15.0,
                 (2.0, 600.0),
                 "s",
-            ))?,
-            temperature_age_s: within((
+            ))?),
+            temperature_age_s: Seconds(within((
                 "temperature_age_max",
                 si(self.temperature_age_max),
                 60.0,
                 (10.0, 3600.0),
                 "s",
-            ))?,
+            ))?),
         })
     }
 }

@@ -45,43 +45,43 @@ impl Section {
             (
                 "capacity",
                 "Ah",
-                cell.capacity_coulomb / 3600.0,
+                cell.capacity_coulomb.value() / 3600.0,
                 (None, capacity),
             ),
             (
                 "voltage_min",
                 "V",
-                limits.min_v,
+                limits.min_v.value(),
                 (si(&self.voltage_min), None),
             ),
             (
                 "voltage_max",
                 "V",
-                limits.max_v,
+                limits.max_v.value(),
                 (None, si(&self.voltage_max)),
             ),
             (
                 "charge_current_max",
                 "A",
-                limits.charge_a,
+                limits.charge_a.value(),
                 (None, amps(&self.charge_current_max)),
             ),
             (
                 "discharge_current_max",
                 "A",
-                limits.discharge_a,
+                limits.discharge_a.value(),
                 (None, amps(&self.discharge_current_max)),
             ),
             (
                 "temperature_min",
                 "°C",
-                limits.min_degc,
+                limits.min_degc.value(),
                 (celsius(&self.temperature_min), None),
             ),
             (
                 "temperature_max",
                 "°C",
-                limits.max_degc,
+                limits.max_degc.value(),
                 (None, celsius(&self.temperature_max)),
             ),
         ] {
@@ -131,8 +131,8 @@ pub(super) fn wide(cell: &Cell) -> Vec<String> {
             )
         });
     let (ampere_hours, share) = (
-        cell.capacity_coulomb / 3600.0,
-        100.0 / cell.capacity_coulomb,
+        cell.capacity_coulomb.value() / 3600.0,
+        100.0 / cell.capacity_coulomb.value(),
     );
     let field =
         |field: &str, (value, unit): (f64, &str), (least, greatest): (f64, f64), why: &str| {
@@ -158,85 +158,85 @@ pub(super) fn wide(cell: &Cell) -> Vec<String> {
     [
         field(
             "voltage_min",
-            (limits.min_v, "V"),
+            (limits.min_v.value(), "V"),
             (ocv.0, f64::INFINITY),
             &format!("the least voltage {table}"),
         ),
         field(
             "voltage_max",
-            (limits.max_v, "V"),
+            (limits.max_v.value(), "V"),
             most(ocv.1),
             &format!("the greatest voltage {table}"),
         ),
         field(
             "charge_current_max",
-            (limits.charge_a, "A"),
+            (limits.charge_a.value(), "A"),
             most(USUAL_C_RATE.0 * ampere_hours),
             "more than power cells bear for long",
         ),
         field(
             "discharge_current_max",
-            (limits.discharge_a, "A"),
+            (limits.discharge_a.value(), "A"),
             most(USUAL_C_RATE.1 * ampere_hours),
             "more than power cells bear for long",
         ),
         field(
             "temperature_min",
-            (limits.min_degc, "°C"),
+            (limits.min_degc.value(), "°C"),
             (USUAL_C.0, f64::INFINITY),
             "where lithium plates",
         ),
         field(
             "temperature_max",
-            (limits.max_degc, "°C"),
+            (limits.max_degc.value(), "°C"),
             most(USUAL_C.1),
             "where lithium cells age fast",
         ),
         field(
             "interlock.temperature_rate_max",
-            (60.0 * settings.rate_k_per_s, "K/min"),
+            (60.0 * settings.rate_k_per_s.value(), "K/min"),
             most(20.0),
             never,
         ),
         field(
             "interlock.temperature_window",
-            (settings.window_s, "s"),
+            (settings.window_s.value(), "s"),
             most(180.0),
             blind,
         ),
         field(
             "interlock.charge_max",
-            (share * settings.charge_coulomb, "%"),
+            (share * settings.charge_coulomb.value(), "%"),
             most(125.0),
             "more than any cell holds",
         ),
         field(
             "interlock.charge_drift_max",
-            (share * settings.drift_coulomb, "%"),
+            (share * settings.drift_coulomb.value(), "%"),
             most(10.0),
             never,
         ),
         field(
             "interlock.frozen_charge",
-            (share * settings.frozen_coulomb, "%"),
+            (share * settings.frozen_coulomb.value(), "%"),
             most(10.0),
             blind,
         ),
         field(
             "interlock.frozen_time",
-            (settings.frozen_s, "s"),
+            (settings.frozen_s.value(), "s"),
             most(300.0),
             blind,
         ),
         field(
             "interlock.reading_age_max",
-            (settings.reading_age_s, "s"),
+            (settings.reading_age_s.value(), "s"),
             most(60.0),
             blind,
         ),
         field(
             "interlock.temperature_age_max",
-            (settings.temperature_age_s, "s"),
+            (settings.temperature_age_s.value(), "s"),
             most(300.0),
             blind,
         ),

@@ -3,7 +3,12 @@
 use std::sync::Arc;
 
 use analysis_model::ocv::OcvCurve;
-use instruments::{fixture::Fixture, instrument::by_key, load, supply};
+use instruments::{
+    fixture::Fixture,
+    instrument::by_key,
+    load, supply,
+    units::{Amps, Celsius, Coulombs, Ohms, Seconds, Volts},
+};
 
 use super::{
     ConfigError, Eis, Multisine, Temperature, Trace,
@@ -15,10 +20,10 @@ use crate::plan::{CampaignRun, MapPoint, Missed, Specimen};
 
 /// Distance of the held voltage from the highest of the cell, V: a meter error of a few millivolts
 /// must not cause a trip at the end.
-const INSIDE_V: f64 = 0.005;
+const INSIDE_V: Volts = Volts(0.005);
 /// Distance of the end of a discharge from the lowest voltage of the cell, V: the load's own end lies
 /// between them.
-const ABOVE_V: f64 = LOAD_CUT_OFF_V;
+const ABOVE_V: Volts = LOAD_CUT_OFF_V;
 
 /// A map over charge and temperature.
 #[derive(Debug, Clone)]
@@ -30,7 +35,7 @@ pub struct MapProcedure {
     /// The cell.
     pub cell: Arc<Specimen>,
     /// Capacity by which the charge is counted, C.
-    pub capacity_coulomb: f64,
+    pub capacity_coulomb: Coulombs,
     /// Full charge, discharge and rest, with the end of the charge as a current.
     pub legs: MapLegs,
     /// Where the voltage at rest may be, as a share of the capacity, and what if it is not there.
@@ -45,17 +50,17 @@ pub struct MapProcedure {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapLegs {
     /// Current of the full charge, A.
-    pub charge_a: f64,
+    pub charge_a: Amps,
     /// Voltage that the supply holds, V.
-    pub charge_limit_v: f64,
+    pub charge_limit_v: Volts,
     /// Current at which the cell is full, A.
-    pub cut_off_a: f64,
+    pub cut_off_a: Amps,
     /// Current of the discharges, A, positive.
-    pub discharge_a: f64,
+    pub discharge_a: Amps,
     /// Voltage at which a discharge ends, V under load.
-    pub discharge_until_v: f64,
+    pub discharge_until_v: Volts,
     /// Shortest and longest rest, s.
-    pub rest_s: (f64, f64),
+    pub rest_s: (Seconds, Seconds),
     /// The rest ends when the voltage changes more slowly, V/s.
     pub rest_slope_v_per_s: f64,
 }
@@ -63,7 +68,7 @@ pub struct MapLegs {
 /// Distance from a point within which the cell counts as being there, as a part of the capacity.
 const AT_POINT: f64 = 0.005;
 /// Least temperature of a charge, °C: lithium plates below.
-pub const CHARGE_LEAST_DEGC: f64 = 0.0;
+pub const CHARGE_LEAST_DEGC: Celsius = Celsius(0.0);
 
 impl MapProcedure {
     /// Its points as runs, in order: from the fullest to the emptiest at each temperature.
@@ -92,16 +97,16 @@ impl MapProcedure {
     }
 
     /// Returns the voltages at rest that agree with a state of charge, V.
-    pub fn band_v(&self, soc: f64) -> (f64, f64) {
+    pub fn band_v(&self, soc: f64) -> (Volts, Volts) {
         let within = self.acceptance.0;
         let volts = |soc: f64| self.ocv.voltage_v(soc.clamp(0.0, 1.0));
-        (volts(soc - within), volts(soc + within))
+        (Volts(volts(soc - within)), Volts(volts(soc + within)))
     }
 
     /// Returns the highest resistance of the cell at a temperature, Ω.
-    pub fn resistance_ohm(&self, degc: f64) -> f64 {
+    pub fn resistance_ohm(&self, degc: Celsius) -> Ohms {
         let at = self.temperatures.iter().find(|at| at.degc == degc);
-        at.map_or(f64::INFINITY, |at| at.resistance_ohm)
+        at.map_or(Ohms::INFINITY, |at| at.resistance_ohm)
     }
 }
 
@@ -137,8 +142,8 @@ impl Check<'_> {
             && setpoint_degc < CHARGE_LEAST_DEGC
         {
             let reason = format!(
-                "expected a temperature of at least {CHARGE_LEAST_DEGC} °C: the cell is charged at it, \
-                and a colder charge can plate lithium; found {setpoint_degc} °C"
+                "expected a temperature of at least {CHARGE_LEAST_DEGC}: the cell is charged at it, \
+                and a colder charge can plate lithium; found {setpoint_degc}"
             );
             return Err(self.complain("temperature.setpoint", reason));
         }
@@ -235,9 +240,14 @@ impl Check<'_> {
         let range = self.temperatures_of_bench();
         let mut found: Vec<MapTemperature> = Vec::new();
         for (index, temperature) in raw.temperatures.iter().enumerate() {
-            let degc = self.within("map.temperatures", temperature.si, range.clone(), "°C")?;
+            let degc = self.within(
+                "map.temperatures",
+                Celsius(temperature.si),
+                range.clone(),
+                "°C",
+            )?;
             if found.iter().any(|known| known.degc == degc) {
-                let reason = format!("expected temperatures that differ, found {degc} °C twice");
+                let reason = format!("expected temperatures that differ, found {degc} twice");
                 return Err(self.complain("map.temperatures", reason));
             }
             let place = if resistances == 1 { 0 } else { index };
@@ -246,7 +256,7 @@ impl Check<'_> {
                 self.within("map.resistance_max", resistance, 1.0e-4..=1.0, "Ω")?;
             found.push(MapTemperature {
                 degc,
-                resistance_ohm,
+                resistance_ohm: Ohms(resistance_ohm),
             });
         }
         Ok(found)
@@ -257,32 +267,37 @@ impl Check<'_> {
         let supply = self.needs(self.bench.instruments.supply.as_ref(), "supply", "map")?;
         let limits = &self.cell.limits;
         let load_a = by_key(load::DIALECTS, &load.model)
-            .map_or(0.0, |dialect| dialect.capabilities().max_current.value());
+            .map_or(Amps::ZERO, |dialect| dialect.capabilities().max_current);
         let supply_a = by_key(supply::DIALECTS, &supply.model)
-            .map_or(0.0, |dialect| dialect.capabilities().max_current.value());
-        let one_c_a = self.cell.capacity_coulomb / 3600.0;
+            .map_or(Amps::ZERO, |dialect| dialect.capabilities().max_current);
+        let one_c_a = self.cell.capacity_coulomb / Seconds(3600.0);
         let charge_a = self.within(
             "map.charge_current",
-            raw.charge_current.si,
+            Amps(raw.charge_current.si),
             0.01 * one_c_a..=one_c_a.min(supply_a).min(limits.charge_a),
             "A",
         )?;
         let least_v = limits.min_v + ABOVE_V;
-        let until_v = raw.discharge_until.map_or(least_v, |until| until.si);
+        let until_v = raw.discharge_until.map_or(least_v, |until| Volts(until.si));
         Ok(MapLegs {
             charge_a,
             charge_limit_v: self
                 .within(
                     "map.charge_voltage",
-                    raw.charge_voltage.si,
+                    Volts(raw.charge_voltage.si),
                     least_v..=limits.max_v,
                     "V",
                 )?
                 .min(limits.max_v - INSIDE_V),
-            cut_off_a: self.within("map.cut_off", raw.cut_off.si, 0.02..=0.5 * charge_a, "A")?,
+            cut_off_a: self.within(
+                "map.cut_off",
+                Amps(raw.cut_off.si),
+                Amps(0.02)..=0.5 * charge_a,
+                "A",
+            )?,
             discharge_a: self.within(
                 "map.discharge_current",
-                raw.discharge_current.si,
+                Amps(raw.discharge_current.si),
                 0.01 * one_c_a..=limits.discharge_a.min(load_a),
                 "A",
             )?,
@@ -293,13 +308,13 @@ impl Check<'_> {
                 "V",
             )?,
             rest_s: (
-                self.within("map.rest_min", raw.rest_min.si, 1.0..=86_400.0, "s")?,
-                self.within(
+                Seconds(self.within("map.rest_min", raw.rest_min.si, 1.0..=86_400.0, "s")?),
+                Seconds(self.within(
                     "map.rest_max",
                     raw.rest_max.si,
                     raw.rest_min.si..=86_400.0,
                     "s",
-                )?,
+                )?),
             ),
             rest_slope_v_per_s: self.within(
                 "map.rest_slope",
@@ -338,8 +353,8 @@ impl Check<'_> {
                 let (least_v, most_v) = (low_v - swing_v, high_v + swing_v);
                 if least_v < limits.min_v || most_v > limits.max_v {
                     let reason = format!(
-                        "expected a cell voltage within {} V to {} V at every point of [map], found \
-                        {least_v:.3} V to {most_v:.3} V at {}",
+                        "expected a cell voltage within {} to {} at every point of [map], found \
+                        {least_v:.3} to {most_v:.3} at {}",
                         limits.min_v, limits.max_v, point
                     );
                     return Err(self.complain(field, reason));

@@ -4,6 +4,8 @@
 
 use std::sync::Arc;
 
+use instruments::units::Seconds;
+
 use crate::plan::{CampaignRun, Specimen};
 
 mod bench;
@@ -115,9 +117,9 @@ pub struct AutoResume {
     /// How often after faults of the wire, which pass.
     pub passing: usize,
     /// The wait before that, s.
-    pub pause_s: f64,
+    pub pause_s: Seconds,
     /// How often after other things that an instrument did.
     pub most: usize,
     /// The wait before that, s.
-    pub after_s: f64,
+    pub after_s: Seconds,
 }

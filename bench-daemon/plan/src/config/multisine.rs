@@ -1,7 +1,12 @@
 //! The multisine: the section `[multisine]` against bench and cell.
 
 use analysis_signal::multisine::odd_grid;
-use instruments::{generator, instrument::by_key, scope, units::Seconds};
+use instruments::{
+    generator,
+    instrument::by_key,
+    scope,
+    units::{Amps, Hertz, Seconds},
+};
 
 use super::{
     ConfigError,
@@ -16,11 +21,11 @@ use crate::{measure::quality::Quality, plan::LONGEST_FRAME_S};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Multisine {
     /// Peak of the current, A.
-    pub peak_a: f64,
+    pub peak_a: Amps,
     /// How often the cell is measured.
     pub repeat: usize,
     /// Rest of the cell before each, s.
-    pub rest_s: f64,
+    pub rest_s: Seconds,
     /// The bands, one record each.
     pub bands: Vec<Band>,
     /// Points in the scope's memory per channel.
@@ -39,19 +44,19 @@ pub struct Multisine {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Band {
     /// Base frequency, Hz.
-    pub base_hz: f64,
+    pub base_hz: Hertz,
     /// Slowest and fastest line at most, Hz.
-    pub range_hz: (f64, f64),
+    pub range_hz: (Hertz, Hertz),
     /// Lines.
     pub lines: usize,
     /// Length of the record, s.
-    pub span_s: f64,
+    pub span_s: Seconds,
     /// Wait before it, s.
-    pub settle_s: f64,
+    pub settle_s: Seconds,
     /// Fewest and most steps of a period in the generator, powers of two.
     pub steps: (usize, usize),
     /// Up to here the bipolar supply follows, Hz.
-    pub followed_hz: f64,
+    pub followed_hz: Hertz,
 }
 
 /// Greatest charge that a direct current may move before it is brought back, as a share of the
@@ -69,7 +74,7 @@ const GREATEST_STEPS: usize = 16_384;
 /// Samples of the record in a period of the fastest line, at least.
 const SAMPLES_PER_PERIOD: f64 = 8.0;
 /// The scope rolls from here on, s.
-const SHORTEST_SPAN_S: f64 = 0.5;
+const SHORTEST_SPAN_S: Seconds = Seconds(0.5);
 
 impl Check<'_> {
     pub(super) fn multisine(&self, raw: &Raw) -> Result<Multisine, ConfigError> {
@@ -90,11 +95,11 @@ impl Check<'_> {
                 .complain("instruments.generator.model", reason));
         };
         let supply = self.bench.bipolar();
-        let full_scale = supply.map_or(0.0, |capabilities| capabilities.full_scale.value());
+        let full_scale = supply.map_or(Amps::ZERO, |capabilities| capabilities.full_scale);
         let greatest_a = full_scale
             .min(self.cell.limits.charge_a)
             .min(self.cell.limits.discharge_a);
-        let driven_hz = supply.map_or(0.0, |capabilities| capabilities.max_freq.value());
+        let driven_hz = supply.map_or(Hertz::ZERO, |capabilities| capabilities.max_freq);
         let mut bands = Vec::new();
         for band in &raw.bands {
             bands.push(self.band(band, driven_hz, most_steps, raw.record_points)?);
@@ -127,13 +132,18 @@ impl Check<'_> {
         Ok(Multisine {
             bias,
             operando: raw.operando,
-            peak_a: self.within("multisine.peak", raw.peak.si, 0.01..=greatest_a, "A")?,
+            peak_a: self.within(
+                "multisine.peak",
+                Amps(raw.peak.si),
+                Amps(0.01)..=greatest_a,
+                "A",
+            )?,
             repeat: self
                 .within("multisine.repeat", raw.repeat as f64, 1.0..=1000.0, "times")
                 .map(|_| raw.repeat)?,
-            rest_s: raw.rest_first.map_or(Ok(0.0), |rest| {
+            rest_s: Seconds(raw.rest_first.map_or(Ok(0.0), |rest| {
                 self.within("multisine.rest_first", rest.si, 0.0..=86_400.0, "s")
-            })?,
+            })?),
             bands,
             memory_points: raw.memory_points,
             record_points: raw.record_points,
@@ -184,16 +194,21 @@ impl Check<'_> {
     fn band(
         &self,
         raw: &RawBand,
-        driven_hz: f64,
+        driven_hz: Hertz,
         most_steps: usize,
         record_points: u64,
     ) -> Result<Band, ConfigError> {
-        let base_hz = self.within("multisine.bands.base", raw.base.si, 1.0e-3..=1.0e3, "Hz")?;
-        let start_hz = raw.start.map_or(base_hz, |start| start.si);
+        let base_hz = self.within(
+            "multisine.bands.base",
+            Hertz(raw.base.si),
+            Hertz(1.0e-3)..=Hertz(1.0e3),
+            "Hz",
+        )?;
+        let start_hz = raw.start.map_or(base_hz, |start| Hertz(start.si));
         self.within("multisine.bands.start", start_hz, base_hz..=driven_hz, "Hz")?;
         let stop_hz = self.within(
             "multisine.bands.stop",
-            raw.stop.si,
+            Hertz(raw.stop.si),
             start_hz..=driven_hz,
             "Hz",
         )?;
@@ -203,15 +218,17 @@ impl Check<'_> {
             2.0..=200.0,
             "lines",
         )?;
-        let held = |lines: usize| odd_grid(base_hz, start_hz..=stop_hz, lines).len();
+        let held = |lines: usize| {
+            odd_grid(base_hz.value(), start_hz.value()..=stop_hz.value(), lines).len()
+        };
         if held(raw.lines) < raw.lines {
             let most = (0..raw.lines)
                 .rev()
                 .find(|lines| held(*lines) == *lines)
                 .unwrap_or(0);
             let reason = format!(
-                "expected at most {most} lines, which the odd multiples of {base_hz} Hz from \
-                {start_hz} Hz to {stop_hz} Hz have room for with some left \
+                "expected at most {most} lines, which the odd multiples of {base_hz} from \
+                {start_hz} to {stop_hz} have room for with some left \
                  out, found {}",
                 raw.lines
             );
@@ -228,8 +245,8 @@ impl Check<'_> {
         if steps > most_steps {
             let greatest_hz = (most_steps / STEPS_PER_PERIOD) as f64 * base_hz;
             let reason = format!(
-                "expected at most {greatest_hz} Hz, which the generator's {most_steps} steps of a \
-                period allow, found {stop_hz} Hz"
+                "expected at most {greatest_hz}, which the generator's {most_steps} steps of a \
+                period allow, found {stop_hz}"
             );
             return Err(self.complain("multisine.bands.stop", reason));
         }
@@ -248,12 +265,12 @@ impl Check<'_> {
             .and_then(|scope| by_key(scope::DIALECTS, &scope.model));
         let screen_s = scope.map_or(span_s, |scope| {
             let capabilities = scope.capabilities();
-            capabilities.time_per_div(Seconds(span_s)).value() * capabilities.horizontal_div
+            Seconds(capabilities.time_per_div(span_s).value() * capabilities.horizontal_div)
         });
         if (screen_s / span_s - 1.0).abs() > 1.0e-9 {
             let reason = format!(
-                "expected whole periods that fill a screen of the scope, such as {screen_s} s, \
-                found {span_s} s"
+                "expected whole periods that fill a screen of the scope, such as {screen_s}, \
+                found {span_s}"
             );
             return Err(self.complain("multisine.bands.periods", reason));
         }
@@ -267,11 +284,11 @@ impl Check<'_> {
         let settle_s = self.within("multisine.bands.settle", raw.settle.si, 0.0..=3600.0, "s")?;
         let steps = (steps, most_steps.min(GREATEST_STEPS).max(steps));
         Ok(Band {
-            base_hz,
+            base_hz: base_hz,
             range_hz: (start_hz, stop_hz),
             lines: raw.lines,
-            span_s,
-            settle_s,
+            span_s: span_s,
+            settle_s: Seconds(settle_s),
             steps,
             followed_hz: driven_hz,
         })
@@ -280,11 +297,11 @@ impl Check<'_> {
 
 impl Multisine {
     /// Returns the direct currents of a round, A, as those of the sweeps.
-    pub fn levels_of(&self, round: usize) -> Vec<f64> {
+    pub fn levels_of(&self, round: usize) -> Vec<Amps> {
         let mut levels_a = self
             .bias
             .as_ref()
-            .map_or_else(|| vec![0.0], |bias| bias.levels_a.clone());
+            .map_or_else(|| vec![Amps::ZERO], |bias| bias.levels_a.clone());
         if round.is_multiple_of(2) {
             levels_a.reverse();
         }

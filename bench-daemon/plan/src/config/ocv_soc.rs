@@ -1,7 +1,11 @@
 //! The open-circuit voltage over the state of charge: the section `[ocv_soc]` against bench and
 //! cell.
 
-use instruments::{instrument::by_key, load, supply};
+use instruments::{
+    instrument::by_key,
+    load, supply,
+    units::{Amps, Ohms, Seconds, Volts},
+};
 
 use super::{ConfigError, check::Check, raw_ocv_soc::Raw};
 
@@ -9,31 +13,31 @@ use super::{ConfigError, check::Check, raw_ocv_soc::Raw};
 #[derive(Debug, Clone, Copy)]
 pub struct OcvSoc {
     /// Current of the charge before it, and of the way up, A.
-    pub charge_a: f64,
+    pub charge_a: Amps,
     /// Voltage that the supply holds at the end of a charge, V.
-    pub charge_limit_v: f64,
+    pub charge_limit_v: Volts,
     /// The cell is full when the current has fallen to this, A.
-    pub cut_off_a: f64,
+    pub cut_off_a: Amps,
     /// Current of the discharge, A, positive.
-    pub discharge_a: f64,
+    pub discharge_a: Amps,
     /// End of the discharge, V under load.
-    pub discharge_until_v: f64,
+    pub discharge_until_v: Volts,
     /// Current of the end of the discharge, A, positive: the less, the nearer the end is to the
     /// limit at rest.
-    pub tail_a: f64,
+    pub tail_a: Amps,
     /// How often each direction is interrupted.
     pub interruptions: usize,
     /// Length of an interruption, s.
-    pub interruption_s: f64,
+    pub interruption_s: Seconds,
     /// Shortest and longest rest before the discharge and between the directions, s.
-    pub rest_s: (f64, f64),
+    pub rest_s: (Seconds, Seconds),
     /// The rest ends when the voltage changes more slowly, V/s.
     pub rest_slope_v_per_s: f64,
     /// The charge is measured too.
     pub both_directions: bool,
     /// Resistance for the compensation of the load's voltage drop, Ω; by default, that of the
     /// interruptions.
-    pub dcir_ohm: Option<f64>,
+    pub dcir_ohm: Option<Ohms>,
     /// Order of an additional polynomial, if requested.
     pub polynomial: Option<usize>,
 }
@@ -48,53 +52,53 @@ impl Check<'_> {
         let supply = self.needs(self.bench.instruments.supply.as_ref(), "supply", "ocv_soc")?;
         let limits = &self.cell.limits;
         let load_a = by_key(load::DIALECTS, &load.model)
-            .map_or(0.0, |dialect| dialect.capabilities().max_current.value());
+            .map_or(Amps::ZERO, |dialect| dialect.capabilities().max_current);
         let supply_a = by_key(supply::DIALECTS, &supply.model)
-            .map_or(0.0, |dialect| dialect.capabilities().max_current.value());
+            .map_or(Amps::ZERO, |dialect| dialect.capabilities().max_current);
         // A discharge faster than 1C does not measure an open-circuit voltage. The bounds in time
         // follow from the current.
-        let greatest_a = |instrument_a: f64, limit_a: f64| {
+        let greatest_a = |instrument_a: Amps, limit_a: Amps| {
             instrument_a
                 .min(limit_a)
-                .min(self.cell.capacity_coulomb / 3600.0)
+                .min(self.cell.capacity_coulomb / Seconds(3600.0))
         };
-        let least_a = 0.01 * self.cell.capacity_coulomb / 3600.0;
+        let least_a = 0.01 * self.cell.capacity_coulomb / Seconds(3600.0);
         let window = limits.min_v..=limits.max_v;
         let charge_a = self.within(
             "ocv_soc.charge_current",
-            raw.charge_current.si,
+            Amps(raw.charge_current.si),
             least_a..=greatest_a(supply_a, limits.charge_a),
             "A",
         )?;
         let discharge_a = self.within(
             "ocv_soc.discharge_current",
-            raw.discharge_current.si,
+            Amps(raw.discharge_current.si),
             least_a..=greatest_a(load_a, limits.discharge_a),
             "A",
         )?;
-        let tail = raw.tail_current.map_or(discharge_a, |tail| tail.si);
+        let tail = raw.tail_current.map_or(discharge_a, |tail| Amps(tail.si));
         let dcir = raw
             .dcir
-            .map(|dcir| self.within("ocv_soc.dcir", dcir.si, 0.0..=1.0, "Ω"))
+            .map(|dcir| self.within("ocv_soc.dcir", Ohms(dcir.si), Ohms::ZERO..=Ohms(1.0), "Ω"))
             .transpose()?;
         let found = OcvSoc {
             charge_a,
             charge_limit_v: self.within(
                 "ocv_soc.charge_voltage",
-                raw.charge_voltage.si,
+                Volts(raw.charge_voltage.si),
                 window.clone(),
                 "V",
             )?,
             cut_off_a: self.within(
                 "ocv_soc.cut_off",
-                raw.cut_off.si,
-                0.02..=0.5 * charge_a,
+                Amps(raw.cut_off.si),
+                Amps(0.02)..=0.5 * charge_a,
                 "A",
             )?,
             discharge_a,
             discharge_until_v: self.within(
                 "ocv_soc.discharge_until",
-                raw.discharge_until.si,
+                Volts(raw.discharge_until.si),
                 window,
                 "V",
             )?,
@@ -112,20 +116,20 @@ impl Check<'_> {
                     "times",
                 )
                 .map(|_| raw.interruptions)?,
-            interruption_s: self.within(
+            interruption_s: Seconds(self.within(
                 "ocv_soc.interruption",
                 raw.interruption.si,
                 30.0..=7200.0,
                 "s",
-            )?,
+            )?),
             rest_s: (
-                self.within("ocv_soc.rest_min", raw.rest_min.si, 1.0..=86_400.0, "s")?,
-                self.within(
+                Seconds(self.within("ocv_soc.rest_min", raw.rest_min.si, 1.0..=86_400.0, "s")?),
+                Seconds(self.within(
                     "ocv_soc.rest_max",
                     raw.rest_max.si,
                     raw.rest_min.si..=86_400.0,
                     "s",
-                )?,
+                )?),
             ),
             rest_slope_v_per_s: self.within(
                 "ocv_soc.rest_slope",
@@ -139,7 +143,7 @@ impl Check<'_> {
         };
         if found.discharge_until_v >= found.charge_limit_v {
             let reason = format!(
-                "expected less than charge_voltage ({} V), found {} V",
+                "expected less than charge_voltage ({}), found {}",
                 found.charge_limit_v, found.discharge_until_v
             );
             return Err(self.complain("ocv_soc.discharge_until", reason));

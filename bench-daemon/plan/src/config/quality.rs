@@ -1,6 +1,8 @@
 //! The quality gate of a sweep or of a multisine: the sections `[eis.quality]` and
 //! `[multisine.quality]` against the cell.
 
+use instruments::units::{Coulombs, Seconds};
+
 use super::{ConfigError, check::Check, raw_quality::Raw};
 use crate::measure::quality::Quality;
 
@@ -29,16 +31,16 @@ impl Check<'_> {
                     "times",
                 )
                 .map(|_| raw.again)?,
-            time_s: self.within(
+            time_s: Seconds(self.within(
                 &format!("{section}.quality.time"),
                 raw.time.si,
                 0.0..=86_400.0,
                 "s",
-            )?,
+            )?),
             charge_coulomb: self.within(
                 &format!("{section}.quality.charge"),
-                raw.charge.si,
-                0.0..=10.0 * self.cell.capacity_coulomb,
+                Coulombs(raw.charge.si),
+                Coulombs::ZERO..=10.0 * self.cell.capacity_coulomb,
                 "C",
             )?,
         })

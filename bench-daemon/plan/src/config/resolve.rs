@@ -5,7 +5,10 @@ use std::{path::Path, sync::Arc};
 
 use analysis_model::ocv::OcvCurve;
 use fixtures::Scenario;
-use instruments::transport::Address;
+use instruments::{
+    transport::Address,
+    units::{Amps, Celsius, Coulombs, Seconds, Volts},
+};
 
 use super::{
     AutoResume, Cell, ConfigError, Experiment, Instruments, Source, check::Check, limits, map, raw,
@@ -120,7 +123,7 @@ pub fn resolve_experiment(
         && first <= last
     {
         let reason =
-            format!("expected frequencies beyond the sweep's last ({last} Hz), found {first} Hz");
+            format!("expected frequencies beyond the sweep's last ({last}), found {first}");
         return Err(source.complain("fixture_check.beyond", reason));
     }
     let (traces, trace_sources) = check.traces(&raw.traces)?;
@@ -230,9 +233,9 @@ fn auto_resume(source: &Source, raw: Option<&raw::Resume>) -> Result<AutoResume,
     };
     let none = AutoResume {
         passing: PASSING.0,
-        pause_s: PASSING.1,
+        pause_s: Seconds(PASSING.1),
         most: 0,
-        after_s: 0.0,
+        after_s: Seconds::ZERO,
     };
     let Some(raw) = raw else { return Ok(none) };
     within("after", raw.after.si, (5.0, 86_400.0), " s")?;
@@ -242,7 +245,7 @@ fn auto_resume(source: &Source, raw: Option<&raw::Resume>) -> Result<AutoResume,
     Ok(AutoResume {
         passing,
         most: raw.most,
-        after_s: raw.after.si,
+        after_s: Seconds(raw.after.si),
         ..none
     })
 }
@@ -335,16 +338,16 @@ pub fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
     let cell = Cell {
         name: raw.name,
         identity: raw.identity,
-        capacity_coulomb: raw.capacity.si,
+        capacity_coulomb: Coulombs(raw.capacity.si),
         limits: Limits {
-            min_v: raw.voltage_min.si,
-            max_v: raw.voltage_max.si,
-            charge_a: raw.charge_current_max.si,
-            discharge_a: raw.discharge_current_max.si,
-            min_degc: raw.temperature_min.si,
-            max_degc: raw.temperature_max.si,
+            min_v: Volts(raw.voltage_min.si),
+            max_v: Volts(raw.voltage_max.si),
+            charge_a: Amps(raw.charge_current_max.si),
+            discharge_a: Amps(raw.discharge_current_max.si),
+            min_degc: Celsius(raw.temperature_min.si),
+            max_degc: Celsius(raw.temperature_max.si),
         },
-        interlock: raw.interlock.resolve(source, raw.capacity.si)?,
+        interlock: raw.interlock.resolve(source, Coulombs(raw.capacity.si))?,
         series: raw.pack.series,
         parallel: raw.pack.parallel,
         ocv,

@@ -10,6 +10,7 @@ use instruments::{
     instrument::{Model, by_key},
     jig, load, logger, scope, supply,
     transport::Address,
+    units::{Seconds, Volts},
 };
 
 use super::{
@@ -69,10 +70,11 @@ pub fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
     }
     // The offset drives a current into the cell as soon as the output is on, before any reading.
     let most_v = most_offset_v(volts_per_amp);
-    if !(-most_v..=most_v).contains(&wiring.command_offset.si) {
+    if !(-most_v..=most_v).contains(&Volts(wiring.command_offset.si)) {
         let reason = format!(
-            "expected {} V to {most_v} V, the zero error of a supply, found {} V",
-            -most_v, wiring.command_offset.si
+            "expected {} V to {most_v}, the zero error of a supply, found {} V",
+            (-most_v).0,
+            wiring.command_offset.si
         );
         return Err(source.complain("wiring.command_offset", reason));
     }
@@ -103,7 +105,7 @@ pub fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
             analog: bipolar.analog,
             volts_per_amp,
             command_trim: wiring.command_trim,
-            command_offset_v: wiring.command_offset.si,
+            command_offset_v: Volts(wiring.command_offset.si),
             bursts: wiring.bursts.unwrap_or(true),
             shunt: known(source, "wiring.shunt", &wiring.shunt)?,
             scale_per_ampere_v: wiring.scale_per_ampere.map(|scale| scale.si),
@@ -167,28 +169,30 @@ fn resolve_guardian(source: &Source, raw: &raw_bench::Guardian) -> Result<Guardi
             .ok_or_else(|| source.complain(&format!("guardian.{field}"), reason()))
     };
     Ok(Guardian {
-        lease_s: within(
+        lease_s: Seconds(within(
             "lease",
             raw.lease.map_or(GUARDIAN.0, |lease| lease.si),
             (1.0, 600.0),
-        )?,
-        stall_s: within(
+        )?),
+        stall_s: Seconds(within(
             "stall",
             raw.stall.map_or(GUARDIAN.1, |stall| stall.si),
             (1.0, 600.0),
-        )?,
+        )?),
     })
 }
 
 /// Default validity of a report of the doctor, s.
-const DOCTOR_VALID_S: f64 = 90.0 * 86_400.0;
+const DOCTOR_VALID_S: Seconds = Seconds(90.0 * 86_400.0);
 
 fn resolve_doctor(source: &Source, raw: &raw_bench::Doctor) -> Result<Doctor, ConfigError> {
-    let valid_for_s = raw.valid_for.map_or(DOCTOR_VALID_S, |span| span.si);
-    if valid_for_s <= 0.0 {
+    let valid_for_s = raw
+        .valid_for
+        .map_or(DOCTOR_VALID_S, |span| Seconds(span.si));
+    if valid_for_s <= Seconds::ZERO {
         return Err(source.complain(
             "doctor.valid_for",
-            format!("expected a duration above 0 s, found {valid_for_s} s"),
+            format!("expected a duration above 0 s, found {valid_for_s}"),
         ));
     }
     Ok(Doctor {
@@ -255,9 +259,9 @@ fn shares_adapter(one: &Address, other: &Address) -> bool {
 const MOST_OFFSET: (f64, f64) = (0.5, 1.0);
 
 /// Greatest offset of the command, V, for a supply with this command per ampere.
-fn most_offset_v(volts_per_amp: f64) -> f64 {
+fn most_offset_v(volts_per_amp: f64) -> Volts {
     let (most_v, most_a) = MOST_OFFSET;
-    most_v.min(most_a * volts_per_amp.abs())
+    Volts(most_v.min(most_a * volts_per_amp.abs()))
 }
 
 fn resolve_simulation(

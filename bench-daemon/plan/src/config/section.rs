@@ -3,7 +3,10 @@
 use analysis_fit::fit::Objective;
 use analysis_model::ocv::OcvCurve;
 use analysis_signal::calibration::ControlTolerance;
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Celsius, Coulombs, Hertz, Kelvins, Ohms, Seconds, Volts},
+};
 
 use crate::{measure::quality::Quality, plan::Missed};
 
@@ -17,7 +20,7 @@ pub struct Cell {
     pub identity: super::Identity,
     /// Capacity, C.
     #[serde(rename = "capacity_c")]
-    pub capacity_coulomb: f64,
+    pub capacity_coulomb: Coulombs,
     /// Limits of the cell.
     pub limits: crate::interlock::Limits,
     /// Settings of the interlock beside the limits.
@@ -38,11 +41,11 @@ pub struct Cell {
 #[derive(Debug, Clone, Copy)]
 pub struct Temperature {
     /// Set-point, °C.
-    pub setpoint_degc: f64,
+    pub setpoint_degc: Celsius,
     /// Accepted deviation of the cell, K.
-    pub within_k: f64,
+    pub within_k: Kelvins,
     /// Longest wait, s.
-    pub timeout_s: f64,
+    pub timeout_s: Seconds,
 }
 
 /// The check of the bench.
@@ -54,7 +57,7 @@ pub struct FixtureCheck {
     pub corrected_tolerance: f64,
     /// Frequencies beyond those of the sweep at which the controls are measured, Hz. No check
     /// uses them; they show the usable range of the bench.
-    pub beyond_hz: Vec<f64>,
+    pub beyond_hz: Vec<Hertz>,
 }
 
 /// How far a control may be off as read.
@@ -70,23 +73,23 @@ pub enum Tolerance {
 #[derive(Debug, Clone, Copy)]
 pub struct SocReset {
     /// Discharge current, A, positive.
-    pub discharge_a: f64,
+    pub discharge_a: Amps,
     /// End of the discharge, V under load.
-    pub discharge_until_v: f64,
+    pub discharge_until_v: Volts,
     /// Charge current, A.
-    pub charge_a: f64,
+    pub charge_a: Amps,
     /// Voltage limit of the supply, V.
-    pub charge_limit_v: f64,
+    pub charge_limit_v: Volts,
     /// End of the charge, V under load.
-    pub charge_until_v: f64,
+    pub charge_until_v: Volts,
     /// Shortest rest, s.
-    pub rest_min_s: f64,
+    pub rest_min_s: Seconds,
     /// Longest rest, s.
-    pub rest_max_s: f64,
+    pub rest_max_s: Seconds,
     /// The rest ends when the voltage changes more slowly, V/s.
     pub rest_slope_v_per_s: f64,
     /// Longest discharge and longest charge, s.
-    pub max_s: f64,
+    pub max_s: Seconds,
     /// Where the voltage must come to rest, where that is asked for.
     pub acceptance: Option<Acceptance>,
 }
@@ -95,7 +98,7 @@ pub struct SocReset {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Acceptance {
     /// The band of the voltage at rest, V.
-    pub band_v: (f64, f64),
+    pub band_v: (Volts, Volts),
     /// Resets at most.
     pub attempts: usize,
     /// Treatment of a cell that misses it to the end.
@@ -110,15 +113,15 @@ pub struct Eis {
     /// How often; 0 where only the controls are.
     pub repeat: usize,
     /// Rest of the cell before each, s.
-    pub rest_s: f64,
+    pub rest_s: Seconds,
     /// Frequencies, rising, Hz.
-    pub freqs_hz: Vec<f64>,
+    pub freqs_hz: Vec<Hertz>,
     /// Amplitude of the current, A.
-    pub amplitude_a: f64,
+    pub amplitude_a: Amps,
     /// Periods waited at least.
     pub periods: f64,
     /// Waited on top, s.
-    pub extra_wait_s: f64,
+    pub extra_wait_s: Seconds,
     /// Periods on the screen at least.
     pub periods_on_screen: f64,
     /// Points downloaded per channel.
@@ -127,11 +130,11 @@ pub struct Eis {
     pub memory_points: u64,
     /// Frequency of the mains whose pick-up is fitted besides the sinusoid, Hz; `None` if no
     /// pick-up is expected.
-    pub mains_hz: Option<f64>,
+    pub mains_hz: Option<Hertz>,
     /// In which order the frequencies come.
     pub order: Order,
     /// Amplitudes of the sweeps of a round, A; the largest is `amplitude_a`.
-    pub steps_a: Vec<f64>,
+    pub steps_a: Vec<Amps>,
     /// Each sweep goes there and back, and every point counts at the time in between.
     pub compensate_drift: bool,
     /// The next point settles while the record of this one is fetched and analysed; where it is not
@@ -147,22 +150,22 @@ pub struct Eis {
 #[derive(Debug, Clone, PartialEq)]
 pub struct EisBias {
     /// The currents, A, charge positive; each round has a sweep at each, at rest first.
-    pub levels_a: Vec<f64>,
+    pub levels_a: Vec<Amps>,
     /// Charge that a group of points may move before it is brought back, C.
-    pub most_coulomb: f64,
+    pub most_coulomb: Coulombs,
     /// Greatest resistance of the cell, leads included, Ω.
-    pub resistance_ohm: f64,
+    pub resistance_ohm: Ohms,
     /// Wait after a ramp, s.
-    pub settle_s: f64,
+    pub settle_s: Seconds,
     /// Capacity of the cell, C.
-    pub capacity_coulomb: f64,
+    pub capacity_coulomb: Coulombs,
 }
 
 impl EisBias {
     /// Charge that a group of points may move if it is not stated, as a share of the capacity.
     pub const CHARGE: f64 = 0.05;
     /// Wait after a ramp if it is not stated, s.
-    pub const SETTLE_S: f64 = 30.0;
+    pub const SETTLE_S: Seconds = Seconds(30.0);
 }
 
 /// In which order the frequencies of a sweep come.

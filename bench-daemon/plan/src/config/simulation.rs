@@ -3,6 +3,8 @@
 
 use std::collections::BTreeMap;
 
+use instruments::units::{Kelvins, Seconds};
+
 use super::{ConfigError, Instruments, Source, Thermostat, raw_bench};
 use crate::mocks::{self, Fault, MakeError, Quirks, Schedule, Value};
 
@@ -76,11 +78,11 @@ pub(super) fn quirks(
 
 /// Unless they are typed: proportional band, K, integral time, window and age of a reading, s.
 const THERMOSTAT: Thermostat = Thermostat {
-    band_k: 0.5,
-    integral_s: 400.0,
-    window_s: 20.0,
-    stale_s: 60.0,
-    sensor_offset_k: 0.0,
+    band_k: Kelvins(0.5),
+    integral_s: Seconds(400.0),
+    window_s: Seconds(20.0),
+    stale_s: Seconds(60.0),
+    sensor_offset_k: Kelvins::ZERO,
 };
 
 pub(super) fn thermostat(
@@ -98,35 +100,38 @@ pub(super) fn thermostat(
     let usual = THERMOSTAT;
     let window_s = within(
         "window",
-        raw.window.map_or(usual.window_s, |window| window.si),
+        raw.window
+            .map_or(usual.window_s.value(), |window| window.si),
         (5.0, 45.0),
         "s",
     )?;
     Ok(Thermostat {
-        band_k: within(
+        band_k: Kelvins(within(
             "proportional_band",
-            raw.proportional_band.map_or(usual.band_k, |band| band.si),
+            raw.proportional_band
+                .map_or(usual.band_k.value(), |band| band.si),
             (0.05, 20.0),
             "K",
-        )?,
-        integral_s: within(
+        )?),
+        integral_s: Seconds(within(
             "integral_time",
-            raw.integral_time.map_or(usual.integral_s, |time| time.si),
+            raw.integral_time
+                .map_or(usual.integral_s.value(), |time| time.si),
             (10.0, 100_000.0),
             "s",
-        )?,
-        window_s,
-        stale_s: within(
+        )?),
+        window_s: Seconds(window_s),
+        stale_s: Seconds(within(
             "stale",
-            raw.stale.map_or(usual.stale_s, |stale| stale.si),
+            raw.stale.map_or(usual.stale_s.value(), |stale| stale.si),
             (window_s, 600.0),
             "s",
-        )?,
-        sensor_offset_k: within(
+        )?),
+        sensor_offset_k: Kelvins(within(
             "sensor_offset",
             raw.sensor_offset.map_or(0.0, |offset| offset.si),
             (-5.0, 5.0),
             "K",
-        )?,
+        )?),
     })
 }

@@ -1,7 +1,10 @@
 //! The bipolar supply of a bench: a model with a link, or an analog one, which the generator alone
 //! commands.
 
-use instruments::supply4q::{self, Rating};
+use instruments::{
+    supply4q::{self, Rating},
+    units::{Amps, Hertz, Seconds},
+};
 
 use super::{
     ConfigError, Instrument, Source,
@@ -13,10 +16,10 @@ use super::{
 /// Range of the magnitude of its gain, A/V.
 const GAIN: (f64, f64) = (0.01, 100.0);
 /// Greatest rated current, A.
-const GREATEST_A: f64 = 400.0;
+const GREATEST_A: Amps = Amps(400.0);
 /// Range of its greatest frequency, and its default, Hz.
-const FOLLOWS_HZ: (f64, f64) = (1.0, 1.0e5);
-const FOLLOWS: f64 = 300.0;
+const FOLLOWS_HZ: (Hertz, Hertz) = (Hertz(1.0), Hertz(1.0e5));
+const FOLLOWS: Hertz = Hertz(300.0);
 
 /// The bipolar supply as resolved: at most one of the two.
 #[derive(Default)]
@@ -101,15 +104,17 @@ fn analog(source: &Source, raw: &raw_bench::Supply4q) -> Result<Analog, ConfigEr
         .full_scale
         .ok_or_else(|| missing("full_scale", "expected the rated current, such as \"20 A\""))?
         .si;
-    if !(rated_a > 0.0 && rated_a <= GREATEST_A) {
-        let reason =
-            format!("expected a current above 0 A, at most {GREATEST_A} A, found {rated_a} A");
+    let rated_a = Amps(rated_a);
+    if !(rated_a > Amps::ZERO && rated_a <= GREATEST_A) {
+        let reason = format!("expected a current above 0 A, at most {GREATEST_A}, found {rated_a}");
         return Err(missing("full_scale", &reason));
     }
-    let follows_hz = raw.max_frequency.map_or(FOLLOWS, |frequency| frequency.si);
+    let follows_hz = raw
+        .max_frequency
+        .map_or(FOLLOWS, |frequency| Hertz(frequency.si));
     if !(FOLLOWS_HZ.0..=FOLLOWS_HZ.1).contains(&follows_hz) {
         let reason = format!(
-            "expected {} Hz to {} Hz, found {follows_hz} Hz",
+            "expected {} to {}, found {follows_hz}",
             FOLLOWS_HZ.0, FOLLOWS_HZ.1
         );
         return Err(missing("max_frequency", &reason));
@@ -166,13 +171,13 @@ pub(super) fn resolve_answer(
     source: &Source,
     role: &str,
     typed: Option<Quantity<Duration>>,
-) -> Result<f64, ConfigError> {
-    let answer_s = typed.map_or(ANSWER_S, |quantity| quantity.si);
-    if (0.05..=5.0).contains(&answer_s) {
+) -> Result<Seconds, ConfigError> {
+    let answer_s = typed.map_or(ANSWER_S, |quantity| Seconds(quantity.si));
+    if (Seconds(0.05)..=Seconds(5.0)).contains(&answer_s) {
         return Ok(answer_s);
     }
     Err(source.complain(
         &format!("instruments.{role}.answer"),
-        format!("expected 0.05 s to 5 s, found {answer_s} s"),
+        format!("expected 0.05 s to 5 s, found {answer_s}"),
     ))
 }

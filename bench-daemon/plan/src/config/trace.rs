@@ -8,6 +8,8 @@ mod through;
 
 use analysis_signal::series::Role;
 
+use instruments::units::{Amps, Ohms, Seconds, Volts};
+
 use super::{ConfigError, Source, check::Check, raw, raw_map};
 use crate::plan::{Averaged, Through};
 use rows::Row;
@@ -26,11 +28,11 @@ pub struct Trace {
     /// Number of repetitions.
     pub repeat: usize,
     /// Rest before it, nothing connected, s.
-    pub rest_s: f64,
+    pub rest_s: Seconds,
     /// Open-circuit voltages at which it may begin, V.
-    pub start_v: (f64, f64),
+    pub start_v: (Volts, Volts),
     /// Greatest resistance between current and voltmeter, Ω.
-    pub resistance_max_ohm: f64,
+    pub resistance_max_ohm: Ohms,
     /// Currents, one after the other.
     pub segments: Vec<Segment>,
     /// Instruments that drive them.
@@ -39,23 +41,23 @@ pub struct Trace {
     pub averaged: Option<Averaged>,
     /// Resistance between the cell and the load's voltmeter where load and supply drive, Ω: their
     /// current flows through it.
-    pub lead_ohm: f64,
+    pub lead_ohm: Ohms,
     /// The first mean after a step, s.
-    pub first_sample_s: f64,
+    pub first_sample_s: Seconds,
     /// Share of the time since the step that a further mean lasts.
     pub growth: f64,
     /// Longest time between two rows, s.
-    pub longest_s: f64,
+    pub longest_s: Seconds,
 }
 
 /// Means per decade of the time since a step of these pulses: one is near any time that a table of pulse
 /// resistances asks for.
 const MAP_SAMPLES_PER_DECADE: f64 = 30.0;
 /// Rest before the pulses of a map that is recorded, s: pulse resistances are taken from its trend.
-const MAP_REST_S: f64 = 15.0;
+const MAP_REST_S: Seconds = Seconds(15.0);
 
 /// Time without current before the first row, s.
-pub const BEFORE_S: f64 = 0.5;
+pub const BEFORE_S: Seconds = Seconds(0.5);
 
 impl Check<'_> {
     /// The traces, and the files that they come from.
@@ -94,7 +96,7 @@ impl Check<'_> {
         let through = self.through(raw.through, &rows, "map.pulses")?;
         let least_v = self.cell.limits.min_v;
         let rest = Segment {
-            current_a: 0.0,
+            current_a: Amps::ZERO,
             duration_s: MAP_REST_S,
             power_w: None,
         };
@@ -103,20 +105,20 @@ impl Check<'_> {
             role: Role::Train,
             repeat_group: "pulses".to_owned(),
             repeat: 1,
-            rest_s: 0.0,
+            rest_s: Seconds::ZERO,
             start_v: (self.cell.limits.min_v, self.cell.limits.max_v),
-            resistance_max_ohm: 0.0,
+            resistance_max_ohm: Ohms::ZERO,
             segments: std::iter::once(rest)
                 .chain(rows.iter().map(|row| row.segment(least_v)))
                 .collect(),
             through,
             averaged: None,
-            lead_ohm: raw.lead_resistance.map_or(Ok(0.0), |lead| {
+            lead_ohm: Ohms(raw.lead_resistance.map_or(Ok(0.0), |lead| {
                 self.within("map.lead_resistance", lead.si, 0.0..=0.1, "Ω")
-            })?,
-            first_sample_s: 2.0e-3,
+            })?),
+            first_sample_s: Seconds(2.0e-3),
             growth: 10.0_f64.powf(1.0 / MAP_SAMPLES_PER_DECADE) - 1.0,
-            longest_s: 10.0,
+            longest_s: Seconds(10.0),
         }))
     }
 
@@ -158,11 +160,12 @@ impl Check<'_> {
         let part = if source.is_some() { "file" } else { "segments" };
         let (rows, averaged) = match raw.step {
             Some(step) => {
-                let step_s = self.within(&field("step"), step.si, 1.0e-3..=3600.0, "s")?;
-                let length_s = rows.iter().map(|row| row.duration_s).sum::<f64>();
+                let range_s = Seconds(1.0e-3)..=Seconds(3600.0);
+                let step_s = self.within(&field("step"), Seconds(step.si), range_s, "s")?;
+                let length_s = rows.iter().map(|row| row.duration_s).sum::<Seconds>();
                 if step_s > length_s + average::ROUNDING_S {
                     let reason = format!(
-                        "expected at most the {length_s} s that the trace lasts, found {step_s} s"
+                        "expected at most the {length_s} that the trace lasts, found {step_s}"
                     );
                     return Err(self.complain(&field("step"), reason));
                 }
@@ -176,10 +179,10 @@ impl Check<'_> {
         let least_v = self.cell.limits.min_v;
         let segments = rows.iter().map(|row| row.segment(least_v)).collect();
         let limits = &self.cell.limits;
-        let [low, high] = raw.start_voltage.map(|volts| volts.si);
+        let [low, high] = raw.start_voltage.map(|volts| Volts(volts.si));
         if !(limits.min_v <= low && low < high && high <= limits.max_v) {
             let reason = format!(
-                "expected two rising voltages within {} V to {} V, found {low} V and {high} V",
+                "expected two rising voltages within {} to {}, found {low} and {high}",
                 limits.min_v, limits.max_v
             );
             return Err(self.complain(&field("start_voltage"), reason));
@@ -197,33 +200,38 @@ impl Check<'_> {
             repeat: self
                 .within(&field("repeat"), raw.repeat as f64, 1.0..=1000.0, "times")
                 .map(|_| raw.repeat)?,
-            rest_s: self.within(&field("rest_first"), raw.rest_first.si, 0.0..=86_400.0, "s")?,
+            rest_s: Seconds(self.within(
+                &field("rest_first"),
+                raw.rest_first.si,
+                0.0..=86_400.0,
+                "s",
+            )?),
             start_v: (low, high),
-            resistance_max_ohm: self.within(
+            resistance_max_ohm: Ohms(self.within(
                 &field("resistance_max"),
                 raw.resistance_max.si,
                 1.0e-4..=1.0,
                 "Ω",
-            )?,
+            )?),
             segments,
             through,
             averaged,
-            lead_ohm: raw.lead_resistance.map_or(Ok(0.0), |lead| {
+            lead_ohm: Ohms(raw.lead_resistance.map_or(Ok(0.0), |lead| {
                 self.within(&field("lead_resistance"), lead.si, 0.0..=0.1, "Ω")
-            })?,
-            first_sample_s: self.within(
+            })?),
+            first_sample_s: Seconds(self.within(
                 &field("first_sample"),
                 raw.first_sample.si,
                 2.0e-4..=1.0,
                 "s",
-            )?,
+            )?),
             growth: 10.0_f64.powf(1.0 / per_decade) - 1.0,
-            longest_s: self.within(
+            longest_s: Seconds(self.within(
                 &field("longest_interval"),
                 raw.longest_interval.si,
                 1.0..=3600.0,
                 "s",
-            )?,
+            )?),
         };
         Ok((trace, source))
     }

@@ -2,27 +2,29 @@
 //! their times and return a fault or nothing. The daemon calls them at each check of the bath; the
 //! guardian and `eis-bench safe` call them with a few successive readings.
 
+use instruments::units::{Celsius, Kelvins, Seconds};
+
 use serde::{Deserialize, Serialize};
 
 /// Distance from its set-point within which a bath counts as held, K. Circulators hold 0.1 K and
 /// overshoot by 1 K to 2 K.
-const HELD_K: f64 = 3.0;
+const HELD_K: Kelvins = Kelvins(3.0);
 /// Greatest distance of the sensor from the cell's temperature limits, K: a bath that holds the
 /// cell at a limit regulates around it.
-const BEYOND_LIMITS_K: f64 = 1.0;
+const BEYOND_LIMITS_K: Kelvins = Kelvins(1.0);
 /// Change of the distance from the set-point that shows a direction, K: more than the noise and the
 /// digits of a bath's sensor.
-const DIRECTION_K: f64 = 0.2;
+const DIRECTION_K: Kelvins = Kelvins(0.2);
 /// Decrease of the distance from its greatest value that shows that a bath returns, K.
-const TURNED_K: f64 = 0.5;
+const TURNED_K: Kelvins = Kelvins(0.5);
 
 /// One reading of a bath.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BathReading {
     /// Temperature by its own sensor, °C; `None` if the answer was not a temperature.
-    pub sensor_degc: Option<f64>,
+    pub sensor_degc: Option<Celsius>,
     /// Its set-point, °C.
-    pub setpoint_degc: f64,
+    pub setpoint_degc: Celsius,
 }
 
 /// Fault of a bath.
@@ -31,43 +33,43 @@ pub struct BathReading {
 pub enum BathFault {
     /// Its sensor reads a temperature that the cell does not tolerate.
     #[error(
-        "its sensor reads {sensor_degc:.1} °C, and the cell bears {least_degc} °C to {greatest_degc} °C; \
-        its set-point is {setpoint_degc:.1} °C"
+        "its sensor reads {sensor_degc:.1}, and the cell bears {least_degc} to {greatest_degc}; \
+        its set-point is {setpoint_degc:.1}"
     )]
     OutsideLimits {
         /// Reading of its sensor, °C.
         #[serde(rename = "sensor_c")]
-        sensor_degc: f64,
+        sensor_degc: Celsius,
         /// Its set-point, °C.
         #[serde(rename = "setpoint_c")]
-        setpoint_degc: f64,
+        setpoint_degc: Celsius,
         /// Least temperature of the cell, °C.
         #[serde(rename = "least_c")]
-        least_degc: f64,
+        least_degc: Celsius,
         /// Greatest temperature of the cell, °C.
         #[serde(rename = "greatest_c")]
-        greatest_degc: f64,
+        greatest_degc: Celsius,
     },
     /// It moves away from its set-point and does not return.
     #[error(
-        "its sensor reads {sensor_degc:.1} °C and moves away from the set-point of {setpoint_degc:.1} \
-        °C: the distance was {nearest_k:.1} K before"
+        "its sensor reads {sensor_degc:.1} and moves away from the set-point of {setpoint_degc:.1}: \
+        the distance was {nearest_k:.1} before"
     )]
     MovesAway {
         /// Reading of its sensor, °C.
         #[serde(rename = "sensor_c")]
-        sensor_degc: f64,
+        sensor_degc: Celsius,
         /// Its set-point, °C.
         #[serde(rename = "setpoint_c")]
-        setpoint_degc: f64,
+        setpoint_degc: Celsius,
         /// Least distance between the two since it had this set-point, K.
-        nearest_k: f64,
+        nearest_k: Kelvins,
     },
     /// Its sensor returns no temperature.
-    #[error("its sensor has read no temperature for {age_s:.0} s")]
+    #[error("its sensor has read no temperature for {age_s:.0}")]
     Unread {
         /// Time since the last temperature, s.
-        age_s: f64,
+        age_s: Seconds,
     },
 }
 
@@ -75,44 +77,44 @@ pub enum BathFault {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Patience {
     /// Growth of the distance from the set-point beyond its least value, K.
-    grown_k: f64,
+    grown_k: Kelvins,
     /// How long the distance may stay grown, and the longest time until the next step towards its
     /// set-point for a bath outside the cell's limits, s.
-    away_s: f64,
+    away_s: Seconds,
     /// How long the sensor may return no temperature, s.
-    unread_s: f64,
+    unread_s: Seconds,
 }
 
 /// For a bath that is read repeatedly, and stopped later if it does not return.
 const WATCHED: Patience = Patience {
     grown_k: HELD_K,
-    away_s: 60.0,
-    unread_s: 60.0,
+    away_s: Seconds(60.0),
+    unread_s: Seconds(60.0),
 };
 /// For a bath that is read for some seconds and not watched afterwards.
 const LEFT_ALONE: Patience = Patience {
     grown_k: DIRECTION_K,
-    away_s: 0.0,
-    unread_s: 0.0,
+    away_s: Seconds::ZERO,
+    unread_s: Seconds::ZERO,
 };
 
 /// Distance between sensor and set-point over time, since the bath has this set-point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Course {
-    setpoint_degc: f64,
+    setpoint_degc: Celsius,
     /// Least distance, K.
-    nearest_k: f64,
+    nearest_k: Kelvins,
     /// Distance at the last step towards the set-point, K, and its time, s; `None` before the first.
-    step: (f64, Option<f64>),
-    began_s: f64,
+    step: (Kelvins, Option<Seconds>),
+    began_s: Seconds,
     /// Start of the present growth of the distance, s, and its greatest value since then, K.
-    away: Option<(f64, f64)>,
+    away: Option<(Seconds, Kelvins)>,
     /// Whether every reading was outside the cell's limits.
     outside: bool,
 }
 
 impl Course {
-    fn begin(setpoint_degc: f64, distance_k: f64, now_s: f64) -> Self {
+    fn begin(setpoint_degc: Celsius, distance_k: Kelvins, now_s: Seconds) -> Self {
         Self {
             setpoint_degc,
             nearest_k: distance_k,
@@ -124,7 +126,7 @@ impl Course {
     }
 
     /// Adds a distance. Returns true if the bath moves away.
-    fn moves_away(&mut self, distance_k: f64, now_s: f64, patience: Patience) -> bool {
+    fn moves_away(&mut self, distance_k: Kelvins, now_s: Seconds, patience: Patience) -> bool {
         self.nearest_k = self.nearest_k.min(distance_k);
         if distance_k <= self.step.0 - DIRECTION_K {
             self.step = (distance_k, Some(now_s));
@@ -148,7 +150,7 @@ impl Course {
 
     /// Checks whether the bath made a step towards its set-point, or received the set-point,
     /// within this time.
-    fn approaches(&self, now_s: f64, within_s: f64) -> bool {
+    fn approaches(&self, now_s: Seconds, within_s: Seconds) -> bool {
         now_s - self.step.1.unwrap_or(self.began_s) < within_s
     }
 }
@@ -157,28 +159,28 @@ impl Course {
 #[derive(Debug, Clone, PartialEq)]
 pub struct BathJudge {
     /// Least and greatest temperature of the cell, °C, if they are known.
-    cell_degc: Option<(f64, f64)>,
+    cell_degc: Option<(Celsius, Celsius)>,
     patience: Patience,
     course: Option<Course>,
     /// Time of the last temperature, or of the first query, s.
-    read_s: Option<f64>,
+    read_s: Option<Seconds>,
 }
 
 impl BathJudge {
     /// Creates a judge for a bath that is read at each check. It stops a bath that is more than 3
     /// K farther from its set-point than before for 60 s without returning. `cell_degc` is the least
     /// and the greatest temperature of the cell, °C.
-    pub fn watching(cell_degc: Option<(f64, f64)>) -> Self {
+    pub fn watching(cell_degc: Option<(Celsius, Celsius)>) -> Self {
         Self::new(cell_degc, WATCHED)
     }
 
     /// Creates a judge for a bath that is not watched after a few readings: it tolerates no
     /// deviation over time.
-    pub fn leaving(cell_degc: Option<(f64, f64)>) -> Self {
+    pub fn leaving(cell_degc: Option<(Celsius, Celsius)>) -> Self {
         Self::new(cell_degc, LEFT_ALONE)
     }
 
-    fn new(cell_degc: Option<(f64, f64)>, patience: Patience) -> Self {
+    fn new(cell_degc: Option<(Celsius, Celsius)>, patience: Patience) -> Self {
         Self {
             cell_degc,
             patience,
@@ -189,7 +191,7 @@ impl BathJudge {
 
     /// Judges a reading that was taken at `now_s`. A new set-point resets the history: a bath that
     /// approaches it, from any distance, is sound.
-    pub fn judge(&mut self, reading: BathReading, now_s: f64) -> Option<BathFault> {
+    pub fn judge(&mut self, reading: BathReading, now_s: Seconds) -> Option<BathFault> {
         let Some(sensor_degc) = reading.sensor_degc.filter(|celsius| celsius.is_finite()) else {
             let age_s = now_s - *self.read_s.get_or_insert(now_s);
             return (age_s >= self.patience.unread_s).then_some(BathFault::Unread { age_s });
@@ -205,7 +207,8 @@ impl BathJudge {
         }
         let away = course.moves_away(distance_k, now_s, self.patience);
         let outside = self.cell_degc.filter(|(least_degc, greatest_degc)| {
-            !(least_degc - BEYOND_LIMITS_K..=greatest_degc + BEYOND_LIMITS_K).contains(&sensor_degc)
+            !(*least_degc - BEYOND_LIMITS_K..=*greatest_degc + BEYOND_LIMITS_K)
+                .contains(&sensor_degc)
         });
         course.outside &= outside.is_some();
         let comes_back = course.outside && course.approaches(now_s, self.patience.away_s);
@@ -236,7 +239,7 @@ impl BathJudge {
 mod tests {
     use super::*;
 
-    const CELL_C: Option<(f64, f64)> = Some((0.0, 45.0));
+    const CELL_C: Option<(Celsius, Celsius)> = Some((Celsius(0.0), Celsius(45.0)));
 
     /// Returns the first fault, and its time, of readings every ten seconds for two hours.
     fn first_fault(
@@ -247,10 +250,11 @@ mod tests {
         (0..720).find_map(|k| {
             let now_s = 10.0 * f64::from(k);
             let reading = BathReading {
-                sensor_degc: Some(sensor_degc(now_s)).filter(|celsius| celsius.is_finite()),
-                setpoint_degc,
+                sensor_degc: Some(Celsius(sensor_degc(now_s)))
+                    .filter(|celsius| celsius.is_finite()),
+                setpoint_degc: Celsius(setpoint_degc),
             };
-            Some((now_s, judge.judge(reading, now_s)?))
+            Some((now_s, judge.judge(reading, Seconds(now_s))?))
         })
     }
 
@@ -364,10 +368,10 @@ mod tests {
                 .enumerate()
                 .find_map(|(k, sensor_degc)| {
                     let reading = BathReading {
-                        sensor_degc: Some(*sensor_degc),
-                        setpoint_degc: 25.0,
+                        sensor_degc: Some(Celsius(*sensor_degc)),
+                        setpoint_degc: Celsius(25.0),
                     };
-                    judge.judge(reading, k as f64)
+                    judge.judge(reading, Seconds(k as f64))
                 })
         };
         for (sensors_degc, cell_degc, words) in [
@@ -418,10 +422,10 @@ mod tests {
                 approach(25.0, 5.0, 300.0)((now_s - 2120.0).max(0.0))
             };
             let reading = BathReading {
-                sensor_degc: Some(sensor_degc),
-                setpoint_degc,
+                sensor_degc: Some(Celsius(sensor_degc)),
+                setpoint_degc: Celsius(setpoint_degc),
             };
-            assert_eq!(judge.judge(reading, now_s), None, "{now_s}");
+            assert_eq!(judge.judge(reading, Seconds(now_s)), None, "{now_s}");
         }
     }
 }

@@ -1,7 +1,10 @@
 //! Checks that need several readings: the rate of the temperature, the charge that was moved,
 //! readings that are late or missing, and values that do not change.
 
-use instruments::chiller;
+use instruments::{
+    chiller,
+    units::{Amps, Seconds},
+};
 
 use super::{
     ages::Ages,
@@ -50,7 +53,7 @@ impl Interlock {
     }
 
     /// Begins a step at `machine_s`.
-    pub fn begin(&mut self, allowance: Allowance, machine_s: f64) {
+    pub fn begin(&mut self, allowance: Allowance, machine_s: Seconds) {
         if !allowance.continues {
             self.charge = ChargeCount::default();
             self.meters.begin();
@@ -93,13 +96,13 @@ impl Interlock {
 
     /// Sets the reading of the ammeter with the output off, A, which counts as no charge. A
     /// reading beyond a zero error is replaced by 0.
-    pub fn zero(&mut self, zero_a: f64) {
+    pub fn zero(&mut self, zero_a: Amps) {
         self.charge.zero(zero_a);
     }
 
     /// Sets the direct current that is commanded from now on, A: the charge that it moves is
     /// expected.
-    pub fn steady(&mut self, steady_a: f64) {
+    pub fn steady(&mut self, steady_a: Amps) {
         self.charge.steady(steady_a);
     }
 
@@ -131,24 +134,24 @@ impl Interlock {
 
     /// Returns the effective value of the alternating current over the last period, A, if readings
     /// follow it.
-    pub fn effective_a(&self) -> Option<f64> {
+    pub fn effective_a(&self) -> Option<Amps> {
         let mean = self.allowed_mean().filter(Mean::followed)?;
         let square = self
             .period
-            .mean_of(&mean, |amps| (amps - mean.around_a).powi(2));
-        square.map(f64::sqrt)
+            .mean_of(&mean, |amps| (amps - mean.around_a).value().powi(2));
+        square.map(f64::sqrt).map(Amps)
     }
 
     /// Checks whether the temperature is half as old as it may be, or has not changed for longer
     /// than usual.
-    pub fn wants_temperature(&self, machine_s: f64) -> bool {
+    pub fn wants_temperature(&self, machine_s: Seconds) -> bool {
         let age_s = self.ages.temperature_age_s(machine_s);
         let old = age_s > 0.5 * self.settings.temperature_age_s;
         self.allowance.live && (old || self.meters.temperature_is_suspect())
     }
 
     /// Judges a reading that arrived at `machine_s`.
-    pub fn judge(&mut self, reading: &Reading, machine_s: f64) -> Option<Trip> {
+    pub fn judge(&mut self, reading: &Reading, machine_s: Seconds) -> Option<Trip> {
         let (settings, allowance) = (self.settings, self.allowance);
         self.meters.listen(reading, &allowance);
         let late = self
@@ -168,7 +171,7 @@ impl Interlock {
     }
 
     /// Judges the status of a chiller that was started.
-    pub fn chiller(&self, status: &chiller::Status, time_s: f64) -> Option<Trip> {
+    pub fn chiller(&self, status: &chiller::Status, time_s: Seconds) -> Option<Trip> {
         (!status.running || status.alarm.is_some()).then(|| Trip::Chiller {
             message: status.raw.clone(),
             time_s,
@@ -176,7 +179,7 @@ impl Interlock {
     }
 
     /// Judges a reading of the bath's own sensor.
-    pub fn judge_bath(&mut self, reading: BathReading, time_s: f64) -> Option<Trip> {
+    pub fn judge_bath(&mut self, reading: BathReading, time_s: Seconds) -> Option<Trip> {
         self.temperatures.judge_bath(reading, time_s)
     }
 
@@ -184,7 +187,7 @@ impl Interlock {
     pub fn judge_thermometers(
         &mut self,
         readings: ThermometerReadings,
-        time_s: f64,
+        time_s: Seconds,
     ) -> Option<Trip> {
         self.temperatures
             .judge_thermometers(readings, self.allowance.cell, time_s)
@@ -194,8 +197,8 @@ impl Interlock {
     fn mean(&mut self, reading: &Reading) -> Option<Trip> {
         let mean = self.allowed_mean().filter(Mean::followed)?;
         self.period.take(&mean, reading.time_s, reading.current_a?);
-        let value = self.period.mean_of(&mean, |amps| amps)?;
-        mean.judge(value, reading.time_s)
+        let mean_a = self.period.mean_of(&mean, Amps::value).map(Amps)?;
+        mean.judge(mean_a, reading.time_s)
     }
 
     /// Judges values that do not change. If the signal has ended, they need not change.

@@ -1,6 +1,8 @@
 //! Detects meters whose values do not change: values that stay the same while charge passes or a
 //! sinusoid flows, and values that stay the same for longer than the noise of their meter allows.
 
+use instruments::units::{Amps, Celsius, Coulombs, Seconds, Unit, Volts};
+
 use super::{
     allowance::{Allowance, Settings},
     limits::{Reading, Trip},
@@ -35,22 +37,22 @@ pub enum Quantity {
 /// Charge and time: at a moment, or passed since then.
 #[derive(Debug, Clone, Copy)]
 struct Passed {
-    charge_coulomb: f64,
-    time_s: f64,
+    charge_coulomb: Coulombs,
+    time_s: Seconds,
 }
 
 /// A value, and the charge, C, and the bench time, s, of its last change.
 #[derive(Debug, Clone, Copy, Default)]
-struct Last {
-    value: Option<f64>,
-    charge_coulomb: f64,
+struct Last<Q> {
+    value: Option<Q>,
+    charge_coulomb: Coulombs,
     /// `None`: counted from the next reading on.
-    time_s: Option<f64>,
+    time_s: Option<Seconds>,
 }
 
-impl Last {
+impl<Q: Unit> Last<Q> {
     /// Returns the charge and time that have passed since the value changed.
-    fn since(&mut self, value: f64, now: Passed) -> Passed {
+    fn since(&mut self, value: Q, now: Passed) -> Passed {
         if self.value != Some(value) {
             *self = Self {
                 value: Some(value),
@@ -67,17 +69,17 @@ impl Last {
 
 /// One meter: its last value and its known noise.
 #[derive(Debug, Default)]
-struct Meter {
-    last: Last,
+struct Meter<Q> {
+    last: Last<Q>,
     noise: Noise,
 }
 
-impl Meter {
+impl<Q: Unit> Meter<Q> {
     fn stuck(&self, quantity: Quantity) -> Option<Stuck> {
         Some(Stuck {
             quantity,
             times: self.noise.stuck()?,
-            value: self.last.value?,
+            value: self.last.value?.number(),
         })
     }
 }
@@ -85,9 +87,9 @@ impl Meter {
 /// The meters of the cell.
 #[derive(Debug, Default)]
 pub(super) struct Meters {
-    voltage: Meter,
-    current: Meter,
-    temperature: Meter,
+    voltage: Meter<Volts>,
+    current: Meter<Amps>,
+    temperature: Meter<Celsius>,
 }
 
 impl Meters {
@@ -121,17 +123,17 @@ impl Meters {
     /// without any noise.
     pub(super) fn listen(&mut self, reading: &Reading, allowance: &Allowance) {
         if let Some(celsius) = reading.temperature_degc {
-            self.temperature.noise.take(celsius);
+            self.temperature.noise.take(celsius.value());
         }
         if allowance.mean.is_some() || allowance.swing_s.is_some() {
             return;
         }
         // A supply in voltage control may hold the voltage better than the meter resolves.
         if let Some(volts) = reading.voltage_v.filter(|volts| *volts < allowance.held_v) {
-            self.voltage.noise.take(volts);
+            self.voltage.noise.take(volts.value());
         }
         if let Some(amps) = reading.current_a.filter(|_| allowance.live) {
-            self.current.noise.take(amps);
+            self.current.noise.take(amps.value());
         }
     }
 
@@ -140,7 +142,7 @@ impl Meters {
     pub(super) fn judge(
         &mut self,
         reading: &Reading,
-        charge_coulomb: f64,
+        charge_coulomb: Coulombs,
         allowance: &Allowance,
         settings: &Settings,
     ) -> Option<Trip> {
@@ -164,41 +166,26 @@ impl Meters {
             .voltage_v
             .is_some_and(|volts| volts >= allowance.held_v);
         let cell = |since: Option<Passed>| since.filter(|_| allowance.cell);
-        let charge = |since: Option<Passed>| {
-            Some((cell(since)?.charge_coulomb, settings.frozen_coulomb, "C"))
+        let charge = |what, since: Option<Passed>| {
+            let moved_coulomb = cell(since)?.charge_coulomb;
+            Trip::above(what, moved_coulomb, settings.frozen_coulomb, reading.time_s)
         };
-        let time = |since: Option<Passed>| {
-            let least_s = SWINGS * allowance.swing_s?;
-            Some((since?.time_s, settings.frozen_s.max(least_s), "s"))
+        let time = |what, since: Option<Passed>| {
+            let greatest_s = settings.frozen_s.max(SWINGS * allowance.swing_s?);
+            Trip::above(what, since?.time_s, greatest_s, reading.time_s)
         };
-        let stood = [
-            (
-                "charge while the cell voltage stood still",
-                charge(volts.filter(|_| !held)),
-            ),
-            (
-                "charge while the cell temperature stood still",
-                charge(celsius),
-            ),
-            (
-                "time in which the cell voltage stood still under a sinusoid",
-                time(cell(volts)),
-            ),
-            (
-                "time in which the cell current stood still under a sinusoid",
-                time(amps),
-            ),
-        ];
-        let frozen = stood.into_iter().find_map(|(what, found)| {
-            Some((what, found.filter(|(value, greatest, _)| value > greatest)?))
-        });
-        frozen.map(|(what, (value, greatest, unit))| Trip::Limit {
-            what,
-            value,
-            unit,
-            least: 0.0,
-            greatest,
-            time_s: reading.time_s,
+        charge(
+            "charge while the cell voltage stood still",
+            volts.filter(|_| !held),
+        )
+        .or_else(|| charge("charge while the cell temperature stood still", celsius))
+        .or_else(|| {
+            let what = "time in which the cell voltage stood still under a sinusoid";
+            time(what, cell(volts))
+        })
+        .or_else(|| {
+            let what = "time in which the cell current stood still under a sinusoid";
+            time(what, amps)
         })
     }
 }

@@ -2,6 +2,8 @@
 
 use std::collections::VecDeque;
 
+use instruments::units::{Celsius, KelvinsPerSecond, Seconds};
+
 use super::{
     allowance::Settings,
     bath::{BathJudge, BathReading},
@@ -16,7 +18,7 @@ const RATE: (usize, f64) = (3, 0.5);
 #[derive(Debug)]
 pub(super) struct Temperatures {
     /// Temperatures of the cell within the window: bench time, s, and value, °C.
-    window: VecDeque<(f64, f64)>,
+    window: VecDeque<(Seconds, Celsius)>,
     bath: BathJudge,
     thermometers: ThermometerJudge,
 }
@@ -40,13 +42,13 @@ impl Temperatures {
     /// Accepts a reading of voltage and current, from which the heat in the cell follows.
     pub(super) fn take_reading(&mut self, reading: &Reading) {
         if let Some(volts) = reading.voltage_v {
-            let amps = reading.current_a.unwrap_or(0.0);
+            let amps = reading.current_a.unwrap_or_default();
             self.thermometers.take_power(volts, amps, reading.time_s);
         }
     }
 
     /// Judges a reading of the bath's own sensor.
-    pub(super) fn judge_bath(&mut self, reading: BathReading, time_s: f64) -> Option<Trip> {
+    pub(super) fn judge_bath(&mut self, reading: BathReading, time_s: Seconds) -> Option<Trip> {
         let fault = self.bath.judge(reading, time_s)?;
         Some(Trip::Bath { fault, time_s })
     }
@@ -56,7 +58,7 @@ impl Temperatures {
         &mut self,
         readings: ThermometerReadings,
         cell: bool,
-        time_s: f64,
+        time_s: Seconds,
     ) -> Option<Trip> {
         let fault = self.thermometers.judge(readings, cell, time_s)?;
         Some(Trip::Thermometer { fault, time_s })
@@ -75,13 +77,13 @@ impl Temperatures {
         tempering: bool,
         settings: &Settings,
     ) -> Option<Trip> {
-        let (window_s, greatest) = (settings.window_s, 60.0 * settings.rate_k_per_s);
+        let (window_s, greatest) = (settings.window_s, 60.0 * settings.rate_k_per_s.value());
         let new = (reading.time_s, reading.temperature_degc?);
         self.window.push_back(new);
         while self
             .window
             .front()
-            .is_some_and(|(time_s, _)| new.0 - time_s > window_s)
+            .is_some_and(|(time_s, _)| new.0 - *time_s > window_s)
         {
             self.window.pop_front();
         }
@@ -89,7 +91,7 @@ impl Temperatures {
         if tempering || self.window.len() < RATE.0 || span_s < RATE.1 * window_s {
             return None;
         }
-        let value = 60.0 * slope(&self.window);
+        let value = 60.0 * slope(&self.window).value();
         (!(-greatest..=greatest).contains(&value)).then_some(Trip::Limit {
             what: "rate of the cell temperature",
             value,
@@ -102,13 +104,14 @@ impl Temperatures {
 }
 
 /// Returns the least-squares slope of (time, value).
-fn slope(points: &VecDeque<(f64, f64)>) -> f64 {
+fn slope(points: &VecDeque<(Seconds, Celsius)>) -> KelvinsPerSecond {
     let count = points.len() as f64;
-    let (mean_t, mean_v) = points.iter().fold((0.0, 0.0), |(t, v), point| {
+    let numbers = || points.iter().map(|(t, v)| (t.value(), v.value()));
+    let (mean_t, mean_v) = numbers().fold((0.0, 0.0), |(t, v), point| {
         (t + point.0 / count, v + point.1 / count)
     });
-    let (covariance, variance) = points.iter().fold((0.0, 0.0), |(c, s), (t, v)| {
+    let (covariance, variance) = numbers().fold((0.0, 0.0), |(c, s), (t, v)| {
         (c + (t - mean_t) * (v - mean_v), s + (t - mean_t).powi(2))
     });
-    covariance / variance
+    KelvinsPerSecond(covariance / variance)
 }

@@ -5,54 +5,56 @@
 //! A thermometer with coarse digits and without noise may correctly stay constant. The criterion
 //! is the least warming of the cell, from generous values of its heat capacity and its cooling.
 
+use instruments::units::{Amps, Celsius, Coulombs, Joules, Kelvins, Ohms, Seconds, Volts, Watts};
+
 use std::collections::VecDeque;
 
 /// Possible temperatures of the air of a room, °C.
-const ROOM_C: (f64, f64) = (-30.0, 55.0);
+const ROOM_C: (Celsius, Celsius) = (Celsius(-30.0), Celsius(55.0));
 /// Least change of the cell's temperature after which an unchanged reading is a fault, K: ten
 /// steps of a thermometer with one decimal.
-const MUST_MOVE_K: f64 = 1.0;
+const MUST_MOVE_K: Kelvins = Kelvins(1.0);
 /// Greatest heat capacity of a cell with its holder, J/K per Ah: four times that of a cylindrical
 /// lithium-ion cell.
 const HEAT_CAPACITY_J_PER_K_AH: f64 = 60.0;
 /// Shortest time constants with which a cell loses its heat, s: to blocks with water, and to still
 /// air.
-const COOLS_S: (f64, f64) = (60.0, 600.0);
+const COOLS_S: (Seconds, Seconds) = (Seconds(60.0), Seconds(600.0));
 /// Longest time constant with which a cell follows its bath, s.
-const FOLLOWS_S: f64 = 3600.0;
+const FOLLOWS_S: Seconds = Seconds(3600.0);
 /// Two readings farther apart than this do not define the time between them, s.
-const GAP_S: f64 = 300.0;
+const GAP_S: Seconds = Seconds(300.0);
 /// How long the change of the air temperature is followed, s.
-const AIR_WINDOW_S: f64 = 1800.0;
+const AIR_WINDOW_S: Seconds = Seconds(1800.0);
 /// Rise of the air temperature within that time that must be visible at the cell, K, and the least
 /// share of it there.
-const AIR_RISES_K: f64 = 8.0;
+const AIR_RISES_K: Kelvins = Kelvins(8.0);
 const AIR_SHARE: f64 = 0.5;
 /// Least difference between two temperatures that count as different, and greatest between two
 /// that count as equal, K.
-const DIFFERENT_K: f64 = 10.0;
-const ALIKE_K: f64 = 5.0;
+const DIFFERENT_K: Kelvins = Kelvins(10.0);
+const ALIKE_K: Kelvins = Kelvins(5.0);
 /// How long the air temperature must match that of a cell in its bath, s.
-const ALIKE_S: f64 = 300.0;
+const ALIKE_S: Seconds = Seconds(300.0);
 /// Number of successive readings with which a fine thermometer repeats itself beside another one
 /// that does not.
 const REPEATS: u32 = 20;
 /// Greatest change of the air temperature between readings that counts as noise, K.
-const NOISE_K: f64 = 0.1;
+const NOISE_K: Kelvins = Kelvins(0.1);
 /// Least current from which a resistance can be determined, A, and range of resistances of a cell,
 /// Ω.
-const TELLS_A: f64 = 0.5;
-const OHM: (f64, f64) = (1.0e-4, 1.0);
+const TELLS_A: Amps = Amps(0.5);
+const OHM: (Ohms, Ohms) = (Ohms(1.0e-4), Ohms(1.0));
 
 /// One reading of all thermometers; a thermometer that is missing or returns no number is `None`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ThermometerReadings {
     /// The cell, °C.
-    pub cell_degc: Option<f64>,
+    pub cell_degc: Option<Celsius>,
     /// The air of the room, the second channel of the logger, °C.
-    pub air_degc: Option<f64>,
+    pub air_degc: Option<Celsius>,
     /// The bath by its own sensor, °C.
-    pub bath_degc: Option<f64>,
+    pub bath_degc: Option<Celsius>,
 }
 
 /// Fault of the thermometers.
@@ -60,78 +62,78 @@ pub struct ThermometerReadings {
 pub enum ThermometerFault {
     /// The air has a temperature that no room has.
     #[error(
-        "that of the air reads {air_degc:.1} °C, expected {} °C to {} °C: is it swapped with that of \
+        "that of the air reads {air_degc:.1}, expected {} to {}: is it swapped with that of \
         the cell?",
         ROOM_C.0,
         ROOM_C.1
     )]
     NoRoom {
         /// Reading, °C.
-        air_degc: f64,
+        air_degc: Celsius,
     },
     /// The air warms, and the cell does not.
     #[error(
-        "that of the air has risen by {rise_k:.1} K to {air_degc:.1} °C, and that of the cell by \
-        {cell_rise_k:.1} K: are the two swapped?"
+        "that of the air has risen by {rise_k:.1} to {air_degc:.1}, and that of the cell by \
+        {cell_rise_k:.1}: are the two swapped?"
     )]
     AirWarms {
         /// Reading of the air, °C.
-        air_degc: f64,
+        air_degc: Celsius,
         /// Rise of the air temperature, K.
-        rise_k: f64,
+        rise_k: Kelvins,
         /// Rise of the cell temperature in the same time, K.
-        cell_rise_k: f64,
+        cell_rise_k: Kelvins,
     },
     /// The air is as warm as the bath, and the cell is not.
     #[error(
-        "that of the cell reads {cell_degc:.1} °C, that of the air {air_degc:.1} °C, and the bath \
-        {bath_degc:.1} °C: are the two swapped?"
+        "that of the cell reads {cell_degc:.1}, that of the air {air_degc:.1}, and the bath \
+        {bath_degc:.1}: are the two swapped?"
     )]
     AirInBath {
         /// Reading of the cell, °C.
-        cell_degc: f64,
+        cell_degc: Celsius,
         /// Reading of the air, °C.
-        air_degc: f64,
+        air_degc: Celsius,
         /// Reading of the bath, °C.
-        bath_degc: f64,
+        bath_degc: Celsius,
     },
     /// The bath temperature has changed, but the cell's thermometer has not.
     #[error(
-        "that of the cell reads {cell_degc} °C all the while, although the bath went from \
-        {bath_from_degc:.1} °C to {bath_degc:.1} °C, which must have moved it by {must_k:.1} K: it is \
+        "that of the cell reads {cell_degc} all the while, although the bath went from \
+        {bath_from_degc:.1} to {bath_degc:.1}, which must have moved it by {must_k:.1}: it is \
         frozen"
     )]
     StillBesideBath {
         /// Reading of the cell, °C.
-        cell_degc: f64,
+        cell_degc: Celsius,
         /// Temperature of the bath at the last change of the reading, °C.
-        bath_from_degc: f64,
+        bath_from_degc: Celsius,
         /// The bath now, °C.
-        bath_degc: f64,
+        bath_degc: Celsius,
         /// Least change of the cell's temperature that must have occurred, K.
-        must_k: f64,
+        must_k: Kelvins,
     },
     /// The cell was heated, but its thermometer has not changed.
     #[error(
-        "that of the cell reads {cell_degc} °C all the while, although {heat_j:.0} J of heat in the \
-        cell must have warmed it by {must_k:.1} K: it is frozen"
+        "that of the cell reads {cell_degc} all the while, although {heat_j:.0} of heat in the \
+        cell must have warmed it by {must_k:.1}: it is frozen"
     )]
     StillWhileHeated {
         /// Reading of the cell, °C.
-        cell_degc: f64,
+        cell_degc: Celsius,
         /// Heat since the reading changed last, J.
-        heat_j: f64,
+        heat_j: Joules,
         /// Least warming of the cell that must have occurred, K.
-        must_k: f64,
+        must_k: Kelvins,
     },
     /// The other thermometer of the same logger shows noise, and that of the cell does not.
     #[error(
-        "that of the cell has read {cell_degc} °C {times} times in a row, while that of the air \
+        "that of the cell has read {cell_degc} {times} times in a row, while that of the air \
         changed each time by its noise: it is frozen"
     )]
     StillBesideAir {
         /// Reading of the cell, °C.
-        cell_degc: f64,
+        cell_degc: Celsius,
         /// Number of equal readings.
         times: u32,
     },
@@ -140,20 +142,21 @@ pub enum ThermometerFault {
 /// Heat in the cell by its own resistance, as far as a step of the current shows it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Heat {
-    rest_v: Option<f64>,
-    ohm: Option<f64>,
+    rest_v: Option<Volts>,
+    ohm: Option<Ohms>,
     /// Last current, A, with its time, s.
-    last: Option<(f64, f64)>,
+    last: Option<(Amps, Seconds)>,
     /// Heat that no reading has consumed yet, J.
-    joules: f64,
+    joules: Joules,
 }
 
 impl Heat {
-    fn take(&mut self, volts: f64, amps: f64, time_s: f64) {
+    fn take(&mut self, volts: Volts, amps: Amps, time_s: Seconds) {
         if let (Some((before_a, before_s)), Some(ohm)) = (self.last, self.ohm) {
-            let passed_s = (time_s - before_s).clamp(0.0, GAP_S);
+            let passed_s = (time_s - before_s).clamp(Seconds::ZERO, GAP_S);
             // Use the smaller of two currents, so that a single sampled peak does not count.
-            self.joules += ohm * before_a.abs().min(amps.abs()).powi(2) * passed_s;
+            let least_a = before_a.abs().min(amps.abs()).value();
+            self.joules += Watts(ohm.value() * least_a.powi(2)) * passed_s;
         }
         let rested = self
             .last
@@ -176,39 +179,46 @@ impl Heat {
 /// What must have happened to the cell since its reading last changed.
 #[derive(Debug, Clone, Copy)]
 struct Still {
-    cell_degc: f64,
+    cell_degc: Celsius,
     /// Temperature of the bath at that time, °C.
-    bath_from_degc: Option<f64>,
+    bath_from_degc: Option<Celsius>,
     /// Least movement by the bath, and least warming by heat, K.
-    by_bath_k: f64,
-    by_heat_k: f64,
-    heat_j: f64,
+    by_bath_k: Kelvins,
+    by_heat_k: Kelvins,
+    heat_j: Joules,
     /// Number of readings in which the cell repeated itself while the air temperature changed by
     /// its noise.
     repeats: u32,
 }
 
 impl Still {
-    fn begin(cell_degc: f64, bath_degc: Option<f64>) -> Self {
+    fn begin(cell_degc: Celsius, bath_degc: Option<Celsius>) -> Self {
         Self {
             cell_degc,
             bath_from_degc: bath_degc,
-            by_bath_k: 0.0,
-            by_heat_k: 0.0,
-            heat_j: 0.0,
+            by_bath_k: Kelvins::ZERO,
+            by_heat_k: Kelvins::ZERO,
+            heat_j: Joules::ZERO,
             repeats: 0,
         }
     }
 
     /// Advances by `passed_s` with heat in the cell, J.
-    fn pass(&mut self, passed_s: f64, heat_j: f64, bath_degc: Option<f64>, capacity_j_per_k: f64) {
+    fn pass(
+        &mut self,
+        passed_s: Seconds,
+        heat_j: Joules,
+        bath_degc: Option<Celsius>,
+        capacity_j_per_k: f64,
+    ) {
         let cools_s = if bath_degc.is_some() {
             COOLS_S.0
         } else {
             COOLS_S.1
         };
         self.heat_j += heat_j;
-        self.by_heat_k = self.by_heat_k * (-passed_s / cools_s).exp() + heat_j / capacity_j_per_k;
+        self.by_heat_k = self.by_heat_k * (-passed_s / cools_s).exp()
+            + Kelvins(heat_j.value() / capacity_j_per_k);
         if let Some((from_degc, now_degc)) = self.bath_from_degc.zip(bath_degc) {
             let left = (-passed_s / FOLLOWS_S).exp();
             let goal_k = now_degc - from_degc;
@@ -219,7 +229,7 @@ impl Still {
         }
     }
 
-    fn fault(&self, bath_degc: Option<f64>) -> Option<ThermometerFault> {
+    fn fault(&self, bath_degc: Option<Celsius>) -> Option<ThermometerFault> {
         let cell_degc = self.cell_degc;
         if let Some((bath_from_degc, bath_degc)) = self.bath_from_degc.zip(bath_degc)
             && self.by_bath_k.abs() > MUST_MOVE_K
@@ -249,9 +259,9 @@ impl Still {
 
 /// Checks whether a reading shows that its thermometer has fine digits: it is not a multiple of a
 /// hundredth or of a sixteenth of a degree.
-fn is_fine(celsius: f64) -> bool {
+fn is_fine(celsius: Celsius) -> bool {
     [100.0, 16.0].iter().all(|steps| {
-        let scaled = celsius * steps;
+        let scaled = celsius.value() * steps;
         (scaled - scaled.round()).abs() > 1.0e-6 * scaled.abs().max(1.0)
     })
 }
@@ -262,19 +272,19 @@ pub struct ThermometerJudge {
     /// Greatest heat capacity of the cell, J/K.
     capacity_j_per_k: f64,
     heat: Heat,
-    last: Option<(f64, ThermometerReadings)>,
+    last: Option<(Seconds, ThermometerReadings)>,
     still: Option<Still>,
     /// Times, s, and readings of air and cell, °C, within the window.
-    air: VecDeque<(f64, f64, f64)>,
+    air: VecDeque<(Seconds, Celsius, Celsius)>,
     /// Time since which the air temperature matches that of a cell in its bath, s.
-    alike_s: Option<f64>,
+    alike_s: Option<Seconds>,
 }
 
 impl ThermometerJudge {
     /// Creates a judge for a cell of this capacity, C.
-    pub fn new(capacity_coulomb: f64) -> Self {
+    pub fn new(capacity_coulomb: Coulombs) -> Self {
         Self {
-            capacity_j_per_k: HEAT_CAPACITY_J_PER_K_AH * capacity_coulomb / 3600.0,
+            capacity_j_per_k: HEAT_CAPACITY_J_PER_K_AH * capacity_coulomb.value() / 3600.0,
             heat: Heat::default(),
             last: None,
             still: None,
@@ -293,7 +303,7 @@ impl ThermometerJudge {
 
     /// Accepts the voltage, V, and the current, A, of a reading at `time_s`, from which the heat
     /// in the cell follows.
-    pub fn take_power(&mut self, volts: f64, amps: f64, time_s: f64) {
+    pub fn take_power(&mut self, volts: Volts, amps: Amps, time_s: Seconds) {
         self.heat.take(volts, amps, time_s);
     }
 
@@ -303,9 +313,9 @@ impl ThermometerJudge {
         &mut self,
         readings: ThermometerReadings,
         cell: bool,
-        now_s: f64,
+        now_s: Seconds,
     ) -> Option<ThermometerFault> {
-        let finite = |value: Option<f64>| value.filter(|celsius| celsius.is_finite());
+        let finite = |value: Option<Celsius>| value.filter(|celsius| celsius.is_finite());
         let readings = ThermometerReadings {
             cell_degc: finite(readings.cell_degc),
             air_degc: finite(readings.air_degc),
@@ -325,7 +335,7 @@ impl ThermometerJudge {
         let before = self
             .last
             .replace((now_s, readings))
-            .filter(|(before_s, _)| now_s - before_s <= GAP_S);
+            .filter(|(before_s, _)| now_s - *before_s <= GAP_S);
         self.judge_still(readings, before, heat_j, now_s)
             .or_else(|| self.judge_air(readings, now_s))
     }
@@ -333,9 +343,9 @@ impl ThermometerJudge {
     fn judge_still(
         &mut self,
         readings: ThermometerReadings,
-        before: Option<(f64, ThermometerReadings)>,
-        heat_j: f64,
-        now_s: f64,
+        before: Option<(Seconds, ThermometerReadings)>,
+        heat_j: Joules,
+        now_s: Seconds,
     ) -> Option<ThermometerFault> {
         let cell_degc = readings.cell_degc?;
         let Some((still, (before_s, before))) = self
@@ -364,13 +374,17 @@ impl ThermometerJudge {
         still.fault(readings.bath_degc)
     }
 
-    fn judge_air(&mut self, readings: ThermometerReadings, now_s: f64) -> Option<ThermometerFault> {
+    fn judge_air(
+        &mut self,
+        readings: ThermometerReadings,
+        now_s: Seconds,
+    ) -> Option<ThermometerFault> {
         let (cell_degc, air_degc) = readings.cell_degc.zip(readings.air_degc)?;
         self.air.push_back((now_s, air_degc, cell_degc));
         while self
             .air
             .front()
-            .is_some_and(|(time_s, ..)| now_s - time_s > AIR_WINDOW_S)
+            .is_some_and(|(time_s, ..)| now_s - *time_s > AIR_WINDOW_S)
         {
             self.air.pop_front();
         }
@@ -384,7 +398,7 @@ impl ThermometerJudge {
             });
         }
         let bath_degc = readings.bath_degc.filter(|bath_degc| {
-            air_degc - cell_degc > DIFFERENT_K && (air_degc - bath_degc).abs() < ALIKE_K
+            air_degc - cell_degc > DIFFERENT_K && (air_degc - *bath_degc).abs() < ALIKE_K
         });
         let Some(bath_degc) = bath_degc else {
             self.alike_s = None;

@@ -2,7 +2,10 @@
 
 use analysis_files::dataset::PointConditions;
 use analysis_signal::spectrum::ChannelPhasors;
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Coulombs, Hertz, Seconds},
+};
 
 use super::{
     harmonics_and_drift::HarmonicsAndDrift,
@@ -21,7 +24,7 @@ pub struct SweepPoint {
     /// Vertical scale of the four channels, V per division.
     pub volts_per_div: [f64; 4],
     /// Frequency from a fit with free frequency, Hz.
-    pub free_freq_hz: f64,
+    pub free_freq_hz: Hertz,
     /// Greatest lag-1 correlation of the residuals: near 0 for noise, near 1 for a signal that the
     /// sinusoid does not explain.
     pub residual_lag1: f64,
@@ -31,7 +34,7 @@ pub struct SweepPoint {
     /// Warnings about the point.
     pub warnings: Vec<String>,
     /// Bench time of the middle of its record, s, accurate to a period and a half.
-    pub time_s: f64,
+    pub time_s: Seconds,
     /// Number of its records.
     pub captures: usize,
     /// How often it was measured again because the finished sweep rejected it.
@@ -52,10 +55,10 @@ pub struct SweepPoint {
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Spent {
     /// Time, s.
-    pub time_s: f64,
+    pub time_s: Seconds,
     /// Charge moved back and forth, C.
     #[serde(rename = "charge_c")]
-    pub charge_coulomb: f64,
+    pub charge_coulomb: Coulombs,
 }
 
 impl std::ops::Add for Spent {

@@ -11,6 +11,8 @@ use analysis_signal::{
 };
 use num_complex::Complex64;
 
+use instruments::units::{Coulombs, Seconds};
+
 use crate::measure::HarmonicsAndDrift;
 
 /// Standard deviations above which a value does not count as noise.
@@ -35,10 +37,10 @@ pub struct Quality {
     /// Greatest number of repetitions of a point.
     pub again: usize,
     /// Time for repetitions in one sweep, s.
-    pub time_s: f64,
+    pub time_s: Seconds,
     /// Charge for repetitions in one sweep, C, moved back and forth.
     #[serde(rename = "charge_c")]
-    pub charge_coulomb: f64,
+    pub charge_coulomb: Coulombs,
 }
 
 /// Quality of a record.
@@ -399,8 +401,8 @@ mod tests {
         repeatability: 0.01,
         kramers_kronig: 0.01,
         again: 2,
-        time_s: 600.0,
-        charge_coulomb: 600.0,
+        time_s: Seconds(600.0),
+        charge_coulomb: Coulombs(600.0),
     };
 
     #[test]

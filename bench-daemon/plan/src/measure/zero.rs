@@ -1,6 +1,8 @@
 //! The zero of the scope's channels: their means without a current through a cell. The functions
 //! are pure.
 
+use instruments::units::{Amps, Volts};
+
 use crate::interlock::NO_CURRENT_A;
 
 /// Name of the quantity that trips.
@@ -11,7 +13,7 @@ const OFFSET_SHARE: f64 = 0.01;
 
 /// Returns the greatest mean of a record relative to the zero of the channels, A: the supply has
 /// shown less than this before the first sinusoid.
-pub fn allowed_since_zero_a(amplitude_a: f64) -> f64 {
+pub fn allowed_since_zero_a(amplitude_a: Amps) -> Amps {
     NO_CURRENT_A + OFFSET_SHARE * amplitude_a
 }
 
@@ -21,7 +23,7 @@ pub struct ChannelMeans {
     /// Vertical scales, V per division.
     pub volts_per_div: [f64; 3],
     /// Means, V.
-    pub volts: [f64; 3],
+    pub volts: [Volts; 3],
 }
 
 /// Means of the channels without a current through a cell, one for each set of scales.
@@ -68,21 +70,25 @@ mod tests {
 
     #[test]
     fn a_zero_belongs_to_its_scales_and_the_latest_counts() {
-        let means = |scales: [f64; 3], zero_v: f64| ChannelMeans {
+        let means = |scales: [f64; 3], zero_v: Volts| ChannelMeans {
             volts_per_div: scales,
             volts: [zero_v; 3],
         };
         let mut zeros = Zeros::default();
-        zeros.keep(means([0.02, 0.02, 0.04], 1.0));
-        zeros.keep(means([0.02, 0.02, 0.08], 2.0));
-        zeros.keep(means([0.02, 0.02, 0.04], 3.0));
-        let on = |scales| zeros.on(&means(scales, 0.0)).map(|zero| zero.volts[0]);
-        assert_eq!(on([0.02, 0.02, 0.08]), Some(2.0));
-        assert_eq!(on([0.02, 0.02, 0.16]), Some(3.0));
+        zeros.keep(means([0.02, 0.02, 0.04], Volts(1.0)));
+        zeros.keep(means([0.02, 0.02, 0.08], Volts(2.0)));
+        zeros.keep(means([0.02, 0.02, 0.04], Volts(3.0)));
+        let on = |scales| {
+            zeros
+                .on(&means(scales, Volts(0.0)))
+                .map(|zero| zero.volts[0])
+        };
+        assert_eq!(on([0.02, 0.02, 0.08]), Some(Volts(2.0)));
+        assert_eq!(on([0.02, 0.02, 0.16]), Some(Volts(3.0)));
         assert_eq!(on([0.02, 0.04, 0.04]), None);
-        assert_eq!(allowed_since_zero_a(3.0), 0.13);
+        assert_eq!(allowed_since_zero_a(Amps(3.0)), Amps(0.13));
         assert!(zeros.lacks_controls());
-        zeros.keep_of_control(means([0.04, 0.04, 0.04], 4.0));
+        zeros.keep_of_control(means([0.04, 0.04, 0.04], Volts(4.0)));
         assert!(!zeros.lacks_controls());
     }
 }

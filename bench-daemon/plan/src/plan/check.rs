@@ -2,14 +2,18 @@
 //! of the cell, drive while the supply is off, change a fixture under power, or wait without end.
 //! The checks are pure functions.
 
-use instruments::{fixture::Fixture, supply4q::Holds};
+use instruments::{
+    fixture::Fixture,
+    supply4q::Holds,
+    units::{Amps, Hertz, Seconds, Volts},
+};
 
 use super::{Checked, Plan, PlanError, Purpose, Step, bias::check_sine, bias_course::BiasCourse};
 use crate::interlock::Limits;
 
 /// Allowed distance of the bipolar supply's compliance above the cell's greatest voltage, V: large
 /// enough that its voltage loop never acts on a sound cell.
-const COMPLIANCE_V: (f64, f64) = (0.25, 2.5);
+const COMPLIANCE_V: (Volts, Volts) = (Volts(0.25), Volts(2.5));
 
 impl Plan {
     /// Refuses a plan that could exceed the limits of the cell, drive while the supply is off,
@@ -76,18 +80,20 @@ impl Plan {
 
 impl Step {
     fn check(&self, limits: &Limits, powered: bool) -> Result<(), String> {
-        let current = |amps: f64, limit: f64, what: &str| {
-            (amps > 0.0 && amps <= limit).then_some(()).ok_or_else(|| {
-                format!("expected a {what} above 0 A, at most {limit} A, found {amps} A")
-            })
+        let current = |amps: Amps, limit: Amps, what: &str| {
+            (amps > Amps::ZERO && amps <= limit)
+                .then_some(())
+                .ok_or_else(|| {
+                    format!("expected a {what} above 0 A, at most {limit}, found {amps}")
+                })
         };
-        let window = |volts: f64, what: &str| {
+        let window = |volts: Volts, what: &str| {
             (limits.min_v..=limits.max_v)
                 .contains(&volts)
                 .then_some(())
                 .ok_or_else(|| {
                     format!(
-                        "expected {what} within {} V to {} V, found {volts} V",
+                        "expected {what} within {} to {}, found {volts}",
                         limits.min_v, limits.max_v
                     )
                 })
@@ -137,7 +143,7 @@ impl Step {
                 needs_off()?;
                 if min_s > max_s {
                     return Err(format!(
-                        "expected a shortest rest of at most {max_s} s, found {min_s} s"
+                        "expected a shortest rest of at most {max_s}, found {min_s}"
                     ));
                 }
             }
@@ -160,8 +166,8 @@ impl Step {
                     (limits.max_v + COMPLIANCE_V.0, limits.max_v + COMPLIANCE_V.1);
                 if !(least..=greatest).contains(&compliance_v) {
                     return Err(format!(
-                        "expected a compliance within {least:.2} V to {greatest:.2} V, found \
-                        {compliance_v} V"
+                        "expected a compliance within {least:.2} to {greatest:.2}, found \
+                        {compliance_v}"
                     ));
                 }
                 current(
@@ -183,10 +189,8 @@ impl Step {
                     limits.charge_a.min(limits.discharge_a),
                     "amplitude",
                 )?;
-                if !(freq_hz > 0.0 && freq_hz.is_finite()) {
-                    return Err(format!(
-                        "expected a frequency above 0 Hz, found {freq_hz} Hz"
-                    ));
+                if !(freq_hz > Hertz::ZERO && freq_hz.is_finite()) {
+                    return Err(format!("expected a frequency above 0 Hz, found {freq_hz}"));
                 }
             }
             Self::Bias(_) | Self::Recharge(_) if !powered => {
@@ -194,7 +198,7 @@ impl Step {
             }
             Self::Bias(ref bias) => bias.check(limits)?,
             Self::Recharge(recharge) => {
-                let (limit, what) = if recharge.current_a > 0.0 {
+                let (limit, what) = if recharge.current_a > Amps::ZERO {
                     (limits.charge_a, "charge current")
                 } else {
                     (limits.discharge_a, "discharge current")
@@ -215,9 +219,9 @@ impl Step {
             Self::PowerDown => {}
         }
         let longest_s = self.longest_s();
-        (longest_s.is_finite() && longest_s <= 7.0 * 86_400.0)
+        (longest_s.is_finite() && longest_s <= Seconds(7.0 * 86_400.0))
             .then_some(())
-            .ok_or_else(|| format!("expected an end within seven days, found {longest_s} s"))
+            .ok_or_else(|| format!("expected an end within seven days, found {longest_s}"))
     }
 }
 
@@ -225,28 +229,29 @@ impl Step {
 mod tests {
     use super::*;
     use crate::plan::{Stage, test_settings};
+    use instruments::units::{Celsius, Coulombs, Ohms};
 
     const LIMITS: Limits = Limits {
-        min_v: 2.5,
-        max_v: 4.2,
-        charge_a: 13.5,
-        discharge_a: 45.0,
-        min_degc: 0.0,
-        max_degc: 60.0,
+        min_v: Volts(2.5),
+        max_v: Volts(4.2),
+        charge_a: Amps(13.5),
+        discharge_a: Amps(45.0),
+        min_degc: Celsius(0.0),
+        max_degc: Celsius(60.0),
     };
     const UP: Step = Step::PowerUp {
-        compliance_v: 5.0,
-        limit_a: 3.0,
+        compliance_v: Volts(5.0),
+        limit_a: Amps(3.0),
         held: Holds::CurrentAndVoltage,
-        idle_a: 0.2,
+        idle_a: Amps(0.2),
         depth: None,
     };
     fn sine() -> Step {
         Step::Sine {
             index: 0,
-            freq_hz: 1.0,
-            amplitude_a: 1.0,
-            wait_s: 12.0,
+            freq_hz: Hertz(1.0),
+            amplitude_a: Amps(1.0),
+            wait_s: Seconds(12.0),
             settings: test_settings(),
         }
     }
@@ -262,10 +267,10 @@ mod tests {
             (Fixture::Cell, Holds::Nothing, true),
         ] {
             let up = Step::PowerUp {
-                compliance_v: 5.0,
-                limit_a: 3.0,
+                compliance_v: Volts(5.0),
+                limit_a: Amps(3.0),
                 held,
-                idle_a: 0.2,
+                idle_a: Amps(0.2),
                 depth: None,
             };
             let text = up.to_string();
@@ -328,23 +333,23 @@ mod tests {
         );
     }
 
-    fn bias(from_a: f64, to_a: f64) -> Step {
+    fn bias(from_a: Amps, to_a: Amps) -> Step {
         Step::Bias(crate::plan::Bias {
             from_a,
             to_a,
-            settle_s: 30.0,
-            amplitude_a: 1.0,
-            resistance_ohm: 0.03,
-            most_coulomb: 810.0,
-            capacity_coulomb: 16_200.0,
+            settle_s: Seconds(30.0),
+            amplitude_a: Amps(1.0),
+            resistance_ohm: Ohms(0.03),
+            most_coulomb: Coulombs(810.0),
+            capacity_coulomb: Coulombs(16_200.0),
         })
     }
 
-    fn slow(wait_s: f64) -> Step {
+    fn slow(wait_s: Seconds) -> Step {
         Step::Sine {
             index: 0,
-            freq_hz: 0.1,
-            amplitude_a: 1.0,
+            freq_hz: Hertz(0.1),
+            amplitude_a: Amps(1.0),
             wait_s,
             settings: test_settings(),
         }
@@ -353,37 +358,43 @@ mod tests {
     #[test]
     fn a_direct_current_is_ramped_bounded_and_brought_back() {
         let back = Step::Recharge(crate::plan::Recharge {
-            current_a: -5.0,
-            charge_coulomb: 500.0,
-            within_coulomb: 8.0,
-            max_s: 200.0,
+            current_a: Amps(-5.0),
+            charge_coulomb: Coulombs(500.0),
+            within_coulomb: Coulombs(8.0),
+            max_s: Seconds(200.0),
         });
         let high = Step::PowerUp {
-            compliance_v: 5.0,
-            limit_a: 20.0,
+            compliance_v: Volts(5.0),
+            limit_a: Amps(20.0),
             held: Holds::CurrentAndVoltage,
-            idle_a: 0.2,
+            idle_a: Amps(0.2),
             depth: None,
         };
         let whole = |steps: Vec<Step>| check([vec![high.clone()], steps].concat());
         let sound = vec![
-            bias(0.0, 5.0),
-            slow(50.0),
-            bias(5.0, 0.0),
+            bias(Amps(0.0), Amps(5.0)),
+            slow(Seconds(50.0)),
+            bias(Amps(5.0), Amps(0.0)),
             back,
             Step::PowerDown,
         ];
         let plan = whole(sound.clone()).unwrap().plan().clone();
         let extent = plan.extent();
-        assert_eq!((extent.charge_a, extent.discharge_a), (6.0, 5.0));
-        assert!((extent.into_coulomb - 5.0 * (37.0 + 52.0)).abs() < 1.0e-9);
-        assert_eq!(extent.out_coulomb, 500.0);
+        assert_eq!(
+            (extent.charge_a, extent.discharge_a),
+            (Amps(6.0), Amps(5.0))
+        );
+        assert!((extent.into_coulomb - Coulombs(5.0 * (37.0 + 52.0))).abs() < Coulombs(1.0e-9));
+        assert_eq!(extent.out_coulomb, Coulombs(500.0));
         // A burst ends the sinusoid only.
-        assert_eq!(plan.plays_on_s(Some(1_000_000)), Some(f64::INFINITY));
+        assert_eq!(plan.plays_on_s(Some(1_000_000)), Some(Seconds::INFINITY));
         let stage = &plan.stages[0];
-        let met: Vec<f64> = (0..6).map(|step| stage.bias_at(step)).collect();
+        let met: Vec<f64> = (0..6)
+            .map(|step| stage.bias_at(step))
+            .map(Amps::value)
+            .collect();
         assert_eq!(met, [0.0, 0.0, 5.0, 5.0, 0.0, 0.0]);
-        assert_eq!(stage.bias_a(), 5.0);
+        assert_eq!(stage.bias_a(), Amps(5.0));
         let without = |index: usize| {
             let mut steps = sound.clone();
             steps.remove(index);
@@ -397,26 +408,32 @@ mod tests {
                 "expected a ramp to 0 A and a recharge before the supply",
             ),
             (
-                vec![bias(0.0, 5.0), slow(50.0), Step::PowerDown],
+                vec![
+                    bias(Amps(0.0), Amps(5.0)),
+                    slow(Seconds(50.0)),
+                    Step::PowerDown,
+                ],
                 "expected a ramp to 0 A and a recharge before the supply",
             ),
             (
-                vec![bias(0.0, 5.0), slow(150.0)],
+                vec![bias(Amps(0.0), Amps(5.0)), slow(Seconds(150.0))],
                 "at most 810 C before a recharge (bias_charge), found 945 C",
             ),
             (
-                vec![bias(0.0, 13.0)],
+                vec![bias(Amps(0.0), Amps(13.0))],
                 "within -45 A to 13.5 A, the limits of the cell, found 12 A to 14 A",
             ),
             (
-                vec![bias(0.0, 5.0), Step::Recheck(QUALITY)],
+                vec![bias(Amps(0.0), Amps(5.0)), Step::Recheck(QUALITY)],
                 "expected no direct current, found 5 A",
             ),
         ] {
             let message = whole(steps).map(|_| ()).unwrap_err().to_string();
             assert!(message.contains(reason), "{message}");
         }
-        let message = check(vec![bias(0.0, 5.0)]).unwrap_err().to_string();
+        let message = check(vec![bias(Amps(0.0), Amps(5.0))])
+            .unwrap_err()
+            .to_string();
         assert!(
             message.contains("expected the bipolar supply to be up"),
             "{message}"
@@ -430,8 +447,8 @@ mod tests {
         repeatability: 0.01,
         kramers_kronig: 0.01,
         again: 1,
-        time_s: 60.0,
-        charge_coulomb: 60.0,
+        time_s: Seconds(60.0),
+        charge_coulomb: Coulombs(60.0),
     };
 
     #[test]
@@ -439,16 +456,16 @@ mod tests {
         let discharge = |current_a, until_v| Step::Discharge {
             current_a,
             until_v,
-            max_s: 60.0,
+            max_s: Seconds(60.0),
         };
         for (steps, reason) in [
             (vec![sine()], "expected the bipolar supply to be up"),
             (
                 vec![Step::PowerUp {
-                    compliance_v: 4.2,
-                    limit_a: 3.0,
+                    compliance_v: Volts(4.2),
+                    limit_a: Amps(3.0),
                     held: Holds::CurrentAndVoltage,
-                    idle_a: 0.2,
+                    idle_a: Amps(0.2),
                     depth: None,
                 }],
                 "expected a compliance within 4.45 V to 6.70 V, found 4.2 V",
@@ -459,29 +476,32 @@ mod tests {
                 "expected the bipolar supply to be down",
             ),
             (
-                vec![UP, discharge(5.0, 3.5), Step::PowerDown],
+                vec![UP, discharge(Amps(5.0), Volts(3.5)), Step::PowerDown],
                 "expected the bipolar supply to be down",
             ),
-            (vec![discharge(46.0, 3.5)], "at most 45 A, found 46 A"),
             (
-                vec![discharge(5.0, 2.4)],
+                vec![discharge(Amps(46.0), Volts(3.5))],
+                "at most 45 A, found 46 A",
+            ),
+            (
+                vec![discharge(Amps(5.0), Volts(2.4))],
                 "within 2.5 V to 4.2 V, found 2.4 V",
             ),
             (
                 vec![Step::Charge {
-                    current_a: 3.0,
-                    limit_v: 4.3,
-                    until_v: 3.8,
-                    max_s: 60.0,
+                    current_a: Amps(3.0),
+                    limit_v: Volts(4.3),
+                    until_v: Volts(3.8),
+                    max_s: Seconds(60.0),
                 }],
                 "limit of the supply within 2.5 V to 4.2 V",
             ),
             (
                 vec![Step::Charge {
-                    current_a: 14.0,
-                    limit_v: 4.2,
-                    until_v: 3.8,
-                    max_s: 60.0,
+                    current_a: Amps(14.0),
+                    limit_v: Volts(4.2),
+                    until_v: Volts(3.8),
+                    max_s: Seconds(60.0),
                 }],
                 "at most 13.5 A",
             ),
@@ -490,9 +510,9 @@ mod tests {
                     UP,
                     Step::Sine {
                         index: 0,
-                        freq_hz: 1.0,
-                        amplitude_a: 14.0,
-                        wait_s: 1.0,
+                        freq_hz: Hertz(1.0),
+                        amplitude_a: Amps(14.0),
+                        wait_s: Seconds(1.0),
                         settings: test_settings(),
                     },
                     Step::PowerDown,
@@ -504,9 +524,9 @@ mod tests {
                     UP,
                     Step::Sine {
                         index: 0,
-                        freq_hz: 1.0e-9,
-                        amplitude_a: 1.0,
-                        wait_s: 1.0e10,
+                        freq_hz: Hertz(1.0e-9),
+                        amplitude_a: Amps(1.0),
+                        wait_s: Seconds(1.0e10),
                         settings: test_settings(),
                     },
                     Step::PowerDown,
@@ -515,8 +535,8 @@ mod tests {
             ),
             (
                 vec![Step::Rest {
-                    min_s: 10.0,
-                    max_s: 5.0,
+                    min_s: Seconds(10.0),
+                    max_s: Seconds(5.0),
                     slope_v_per_s: 1e-6,
                 }],
                 "shortest rest of at most 5 s",

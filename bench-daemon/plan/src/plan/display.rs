@@ -44,7 +44,7 @@ impl fmt::Display for Step {
             } => {
                 write!(
                     f,
-                    "hold {setpoint_degc} °C, wait until the cell is within {within_k} K, at \
+                    "hold {setpoint_degc}, wait until the cell is within {within_k}, at \
                 most {}",
                     minutes(max_s)
                 )
@@ -56,7 +56,7 @@ impl fmt::Display for Step {
             } => {
                 write!(
                     f,
-                    "discharge at {current_a} A to {until_v} V, at most {}",
+                    "discharge at {current_a} to {until_v}, at most {}",
                     minutes(max_s)
                 )
             }
@@ -68,7 +68,7 @@ impl fmt::Display for Step {
             } => {
                 write!(
                     f,
-                    "charge at {current_a} A (limit {limit_v} V) to {until_v} V, at most \
+                    "charge at {current_a} (limit {limit_v}) to {until_v}, at most \
                 {}",
                     minutes(max_s)
                 )
@@ -95,7 +95,7 @@ impl fmt::Display for Step {
                     Some(Missed::Flag) => "else go on and say so",
                     Some(Missed::Refuse) => "else end the run",
                 };
-                write!(f, "accept {low} V to {high} V at rest, {otherwise}")
+                write!(f, "accept {low} to {high} at rest, {otherwise}")
             }
             Self::Leg(ref leg) => leg.fmt(f),
             Self::PowerUp {
@@ -106,8 +106,7 @@ impl fmt::Display for Step {
             } => {
                 write!(
                     f,
-                    "bipolar supply up: compliance {compliance_v} V, current limit {limit_a} \
-                A"
+                    "bipolar supply up: compliance {compliance_v}, current limit {limit_a}"
                 )
             }
             Self::PowerUp {
@@ -129,7 +128,7 @@ impl fmt::Display for Step {
             Self::PowerUp { compliance_v, .. } => {
                 write!(
                     f,
-                    "bipolar supply up: compliance {compliance_v} V, no programmable current \
+                    "bipolar supply up: compliance {compliance_v}, no programmable current \
                 limit: the output follows the generator"
                 )
             }
@@ -142,7 +141,7 @@ impl fmt::Display for Step {
             } => {
                 write!(
                     f,
-                    "point {:>2}: {freq_hz:>10.4} Hz, {amplitude_a} A, wait {wait_s:.1} s",
+                    "point {:>2}: {freq_hz:>10.4}, {amplitude_a}, wait {wait_s:.1}",
                     index + 1
                 )
             }
@@ -158,7 +157,7 @@ impl fmt::Display for Step {
                 write!(
                     f,
                     "measure again what the quality gate refuses: at most {} and \
-                {charge_coulomb:.0} C in all",
+                {charge_coulomb:.0} in all",
                     minutes(time_s)
                 )
             }
@@ -183,7 +182,7 @@ impl fmt::Display for Step {
                     Through::Wave { step_s, steps } => {
                         format!(
                             "by a wave of {steps} steps of {} ms in the generator's memory",
-                            (1.0e6 * step_s).round() / 1.0e3
+                            (1.0e6 * step_s).0.round() / 1.0e3
                         )
                     }
                     Through::LoadAndSupply => "through load and supply".to_owned(),
@@ -199,10 +198,7 @@ impl fmt::Display for Step {
                 } else {
                     ""
                 };
-                let steps = format!(
-                    "{steps} steps from {least_a} A to {greatest_a} \
-                A{worst}{first}"
-                );
+                let steps = format!("{steps} steps from {least_a} to {greatest_a}{worst}{first}");
                 write!(
                     f,
                     "trace {name}, repeat {repeat}: {steps}, {through}, {length}{averaged}"

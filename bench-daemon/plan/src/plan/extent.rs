@@ -1,5 +1,7 @@
 //! The extremes of a plan, for a comparison with the limits of the cell.
 
+use instruments::units::{Amps, Celsius, Coulombs, Seconds, Unit, Volts};
+
 use super::{Flow, Leg, Plan, Step};
 
 /// Extremes that the steps of a plan request. A voltage at which a step ends is included; the
@@ -7,45 +9,46 @@ use super::{Flow, Leg, Plan, Step};
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Extent {
     /// Greatest current into the cell, A.
-    pub charge_a: f64,
+    pub charge_a: Amps,
     /// Greatest current out of the cell, A.
-    pub discharge_a: f64,
+    pub discharge_a: Amps,
     /// Lowest and highest voltage that a step ends at or holds, V; `None` if no step has one.
-    pub voltage_v: Option<(f64, f64)>,
+    pub voltage_v: Option<(Volts, Volts)>,
     /// Lowest and highest temperature that is held, °C; `None` if none is held.
-    pub temperature_degc: Option<(f64, f64)>,
+    pub temperature_degc: Option<(Celsius, Celsius)>,
     /// Charge into the cell by direct currents over the expected times, C.
-    pub into_coulomb: f64,
+    pub into_coulomb: Coulombs,
     /// Charge out of the cell by direct currents over the expected times, C.
-    pub out_coulomb: f64,
+    pub out_coulomb: Coulombs,
 }
 
 impl Extent {
-    fn current(&mut self, into_a: f64, out_a: f64) {
+    fn current(&mut self, into_a: Amps, out_a: Amps) {
         self.charge_a = self.charge_a.max(into_a);
         self.discharge_a = self.discharge_a.max(out_a);
     }
 
     /// Takes a step under a direct current, A.
-    fn step(&mut self, step: &Step, bias_a: f64) {
+    fn step(&mut self, step: &Step, bias_a: Amps) {
         let span_s = step.expected_s();
         match step {
             Step::Discharge {
                 current_a, until_v, ..
             } => {
-                self.current(0.0, *current_a);
+                self.current(Amps::ZERO, *current_a);
                 widen(&mut self.voltage_v, *until_v);
-                self.out_coulomb += current_a * span_s;
+                self.out_coulomb += *current_a * span_s;
             }
             Step::Charge {
                 current_a, until_v, ..
             } => {
-                self.current(*current_a, 0.0);
+                self.current(*current_a, Amps::ZERO);
                 widen(&mut self.voltage_v, *until_v);
-                self.into_coulomb += current_a * span_s;
+                self.into_coulomb += *current_a * span_s;
             }
             Step::Leg(leg) => self.leg(leg, span_s),
             Step::Sine { amplitude_a, .. } => {
+                let amplitude_a = *amplitude_a;
                 self.current(amplitude_a + bias_a, amplitude_a - bias_a);
                 self.direct(bias_a, span_s);
             }
@@ -77,12 +80,12 @@ impl Extent {
     }
 
     /// Adds the charge of a direct current, A.
-    fn direct(&mut self, bias_a: f64, span_s: f64) {
-        self.into_coulomb += bias_a.max(0.0) * span_s;
-        self.out_coulomb += (-bias_a).max(0.0) * span_s;
+    fn direct(&mut self, bias_a: Amps, span_s: Seconds) {
+        self.into_coulomb += bias_a.max(Amps::ZERO) * span_s;
+        self.out_coulomb += (-bias_a).max(Amps::ZERO) * span_s;
     }
 
-    fn leg(&mut self, leg: &Leg, span_s: f64) {
+    fn leg(&mut self, leg: &Leg, span_s: Seconds) {
         let (into_a, out_a) = leg.most_a();
         self.current(into_a, out_a);
         match leg.flow {
@@ -115,9 +118,12 @@ impl Extent {
     }
 }
 
-fn widen(range: &mut Option<(f64, f64)>, value: f64) {
+fn widen<Q: Unit>(range: &mut Option<(Q, Q)>, value: Q) {
     let (least, greatest) = range.unwrap_or((value, value));
-    *range = Some((least.min(value), greatest.max(value)));
+    *range = Some((
+        if value < least { value } else { least },
+        if value > greatest { value } else { greatest },
+    ));
 }
 
 impl Plan {
@@ -137,31 +143,32 @@ impl Plan {
 mod tests {
     use super::*;
     use crate::plan::{Purpose, Stage, test_settings};
+    use instruments::units::{Hertz, Kelvins};
 
     #[test]
     fn the_extremes_of_all_steps_count() {
         let steps = vec![
             Step::HoldTemperature {
-                setpoint_degc: 25.0,
-                within_k: 0.1,
-                max_s: 60.0,
+                setpoint_degc: Celsius(25.0),
+                within_k: Kelvins(0.1),
+                max_s: Seconds(60.0),
             },
             Step::Discharge {
-                current_a: 5.0,
-                until_v: 3.5,
-                max_s: 60.0,
+                current_a: Amps(5.0),
+                until_v: Volts(3.5),
+                max_s: Seconds(60.0),
             },
             Step::Charge {
-                current_a: 3.0,
-                limit_v: 4.2,
-                until_v: 3.8,
-                max_s: 60.0,
+                current_a: Amps(3.0),
+                limit_v: Volts(4.2),
+                until_v: Volts(3.8),
+                max_s: Seconds(60.0),
             },
             Step::Sine {
                 index: 0,
-                freq_hz: 1.0,
-                amplitude_a: 4.0,
-                wait_s: 1.0,
+                freq_hz: Hertz(1.0),
+                amplitude_a: Amps(4.0),
+                wait_s: Seconds(1.0),
                 settings: test_settings(),
             },
         ];
@@ -170,9 +177,15 @@ mod tests {
             steps,
         }];
         let extent = Plan { stages }.extent();
-        assert_eq!((extent.charge_a, extent.discharge_a), (4.0, 5.0));
-        assert_eq!(extent.voltage_v, Some((3.5, 3.8)));
-        assert_eq!(extent.temperature_degc, Some((25.0, 25.0)));
-        assert!(extent.out_coulomb > 0.0 && extent.into_coulomb > 0.0);
+        assert_eq!(
+            (extent.charge_a, extent.discharge_a),
+            (Amps(4.0), Amps(5.0))
+        );
+        assert_eq!(extent.voltage_v, Some((Volts(3.5), Volts(3.8))));
+        assert_eq!(
+            extent.temperature_degc,
+            Some((Celsius(25.0), Celsius(25.0)))
+        );
+        assert!(extent.out_coulomb > Coulombs(0.0) && extent.into_coulomb > Coulombs(0.0));
     }
 }

@@ -5,6 +5,8 @@ use std::{borrow::Cow, fmt};
 
 use analysis_files::run_folder::{OCV_CHARGE, OCV_DISCHARGE, map_charge, map_discharge};
 
+use instruments::units::{Amps, Coulombs, Seconds, Volts};
+
 use super::minutes;
 use crate::interlock::Limits;
 
@@ -14,7 +16,7 @@ pub struct Leg {
     /// Current or power that flows.
     pub flow: Flow,
     /// Upper bound, s; a rest has this duration.
-    pub max_s: f64,
+    pub max_s: Seconds,
     /// The file for its readings.
     pub log: Log,
 }
@@ -25,33 +27,33 @@ pub enum Flow {
     /// Out of the cell, by the load.
     Discharge {
         /// Current, A, positive.
-        current_a: f64,
+        current_a: Amps,
         /// End, V under load.
-        until_v: f64,
+        until_v: Volts,
         /// Charge after which it ends earlier, C.
-        charge_coulomb: Option<f64>,
+        charge_coulomb: Option<Coulombs>,
     },
     /// Out of the cell, by the load, until its counted charge is at a target.
     DischargeTo {
         /// Current, A, positive.
-        current_a: f64,
+        current_a: Amps,
         /// Earliest end, V under load.
-        until_v: f64,
+        until_v: Volts,
         /// Charge below that of the full cell at which it ends, C.
-        below_full_coulomb: f64,
+        below_full_coulomb: Coulombs,
         /// The part of it that is expected to be left, C.
-        expected_coulomb: f64,
+        expected_coulomb: Coulombs,
     },
     /// Into the cell, by the supply: constant current, then constant voltage.
     Charge {
         /// Current, A.
-        current_a: f64,
+        current_a: Amps,
         /// Voltage that the supply holds, V.
-        limit_v: f64,
+        limit_v: Volts,
         /// Current at which it ends, A.
-        cut_off_a: f64,
+        cut_off_a: Amps,
         /// Charge after which it ends earlier, C.
-        charge_coulomb: Option<f64>,
+        charge_coulomb: Option<Coulombs>,
     },
     /// No current.
     Rest,
@@ -84,18 +86,18 @@ impl Log {
 
 impl Leg {
     /// Returns the greatest requested currents into and out of the cell, A.
-    pub fn most_a(&self) -> (f64, f64) {
+    pub fn most_a(&self) -> (Amps, Amps) {
         match self.flow {
             Flow::Discharge { current_a, .. } | Flow::DischargeTo { current_a, .. } => {
-                (0.0, current_a)
+                (Amps::ZERO, current_a)
             }
-            Flow::Charge { current_a, .. } => (current_a, 0.0),
-            Flow::Rest => (0.0, 0.0),
+            Flow::Charge { current_a, .. } => (current_a, Amps::ZERO),
+            Flow::Rest => (Amps::ZERO, Amps::ZERO),
         }
     }
 
     /// Returns the expected duration, s: from the charge if one is given.
-    pub(super) fn expected_s(&self) -> f64 {
+    pub(super) fn expected_s(&self) -> Seconds {
         match self.flow {
             Flow::Discharge {
                 current_a,
@@ -119,19 +121,21 @@ impl Leg {
 
     /// Returns an error if the leg could exceed the limits of the cell.
     pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
-        let current = |amps: f64, limit: f64, what: &str| {
-            (amps > 0.0 && amps <= limit).then_some(()).ok_or_else(|| {
-                format!("expected a {what} current above 0 A, at most {limit} A, found {amps} A")
-            })
+        let current = |amps: Amps, limit: Amps, what: &str| {
+            (amps > Amps::ZERO && amps <= limit)
+                .then_some(())
+                .ok_or_else(|| {
+                    format!("expected a {what} current above 0 A, at most {limit}, found {amps}")
+                })
         };
-        let window = |volts: f64, what: &str| {
+        let window = |volts: Volts, what: &str| {
             (limits.min_v..=limits.max_v)
                 .contains(&volts)
                 .then_some(())
                 .ok_or_else(|| {
                     format!(
-                        "expected {what} within {} V to {} V, found {volts} V",
-                        limits.min_v, limits.max_v
+                        "expected {what} within {} V to {} V, found {volts}",
+                        limits.min_v.0, limits.max_v.0
                     )
                 })
         };
@@ -153,11 +157,11 @@ impl Leg {
             } => {
                 current(current_a, limits.charge_a, "charge")?;
                 window(limit_v, "the limit of the supply")?;
-                let falls = cut_off_a > 0.0 && cut_off_a < current_a;
+                let falls = cut_off_a > Amps::ZERO && cut_off_a < current_a;
                 falls.then_some(()).ok_or_else(|| {
                     format!(
                         "expected a cut-off current above 0 A, \
-                below {current_a} A, found {cut_off_a} A"
+                below {current_a}, found {cut_off_a}"
                     )
                 })
             }
@@ -168,9 +172,9 @@ impl Leg {
 
 impl fmt::Display for Leg {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let part = |charge_coulomb: Option<f64>| {
+        let part = |charge_coulomb: Option<Coulombs>| {
             charge_coulomb.map_or_else(String::new, |charge_coulomb| {
-                format!(" or by {charge_coulomb:.0} C")
+                format!(" or by {charge_coulomb:.0}")
             })
         };
         let (bound, file) = (minutes(self.max_s), self.log.file());
@@ -182,7 +186,7 @@ impl fmt::Display for Leg {
             } => {
                 write!(
                     f,
-                    "discharge at {current_a} A to {until_v} V{}, at most {bound}, into {file}",
+                    "discharge at {current_a} to {until_v}{}, at most {bound}, into {file}",
                     part(charge_coulomb)
                 )
             }
@@ -194,8 +198,8 @@ impl fmt::Display for Leg {
             } => {
                 write!(
                     f,
-                    "discharge at {current_a} A to {below_full_coulomb:.0} C below full or to \
-                    {until_v} V, at most {bound}, into {file}"
+                    "discharge at {current_a} to {below_full_coulomb:.0} below full or to \
+                    {until_v}, at most {bound}, into {file}"
                 )
             }
             Flow::Charge {
@@ -206,7 +210,7 @@ impl fmt::Display for Leg {
             } => {
                 write!(
                     f,
-                    "charge at {current_a} A, hold {limit_v} V until {cut_off_a} A{}, at most \
+                    "charge at {current_a}, hold {limit_v} until {cut_off_a}{}, at most \
                     {bound}, into {file}",
                     part(charge_coulomb)
                 )
@@ -219,14 +223,15 @@ impl fmt::Display for Leg {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use instruments::units::Celsius;
 
     const LIMITS: Limits = Limits {
-        min_v: 2.5,
-        max_v: 4.2,
-        charge_a: 13.5,
-        discharge_a: 45.0,
-        min_degc: 0.0,
-        max_degc: 60.0,
+        min_v: Volts(2.5),
+        max_v: Volts(4.2),
+        charge_a: Amps(13.5),
+        discharge_a: Amps(45.0),
+        min_degc: Celsius(0.0),
+        max_degc: Celsius(60.0),
     };
 
     #[test]
@@ -234,7 +239,7 @@ mod tests {
         let down = |current_a, until_v| Flow::Discharge {
             current_a,
             until_v,
-            charge_coulomb: Some(1.0),
+            charge_coulomb: Some(Coulombs(1.0)),
         };
         let up = |current_a, limit_v, cut_off_a| Flow::Charge {
             current_a,
@@ -245,47 +250,47 @@ mod tests {
         let to = |current_a, until_v| Flow::DischargeTo {
             current_a,
             until_v,
-            below_full_coulomb: 8100.0,
-            expected_coulomb: 6480.0,
+            below_full_coulomb: Coulombs(8100.0),
+            expected_coulomb: Coulombs(6480.0),
         };
         let cases = [
-            (to(4.5, 2.55), ""),
+            (to(Amps(4.5), Volts(2.55)), ""),
             (
-                to(50.0, 2.55),
+                to(Amps(50.0), Volts(2.55)),
                 "expected a discharge current above 0 A, at most 45 A, found 50 A",
             ),
             (
-                to(4.5, 2.4),
+                to(Amps(4.5), Volts(2.4)),
                 "expected the end of the discharge within 2.5 V to 4.2 V, found 2.4 V",
             ),
-            (down(1.0, 2.505), ""),
-            (up(1.0, 4.195, 0.1), ""),
+            (down(Amps(1.0), Volts(2.505)), ""),
+            (up(Amps(1.0), Volts(4.195), Amps(0.1)), ""),
             (Flow::Rest, ""),
             (
-                down(50.0, 2.5),
+                down(Amps(50.0), Volts(2.5)),
                 "expected a discharge current above 0 A, at most 45 A, found 50 A",
             ),
             (
-                down(1.0, 2.4),
+                down(Amps(1.0), Volts(2.4)),
                 "expected the end of the discharge within 2.5 V to 4.2 V, found 2.4 V",
             ),
             (
-                up(14.0, 4.2, 0.1),
+                up(Amps(14.0), Volts(4.2), Amps(0.1)),
                 "expected a charge current above 0 A, at most 13.5 A, found 14 A",
             ),
             (
-                up(1.0, 4.21, 0.1),
+                up(Amps(1.0), Volts(4.21), Amps(0.1)),
                 "expected the limit of the supply within 2.5 V to 4.2 V, found 4.21 V",
             ),
             (
-                up(1.0, 4.2, 1.0),
+                up(Amps(1.0), Volts(4.2), Amps(1.0)),
                 "expected a cut-off current above 0 A, below 1 A, found 1 A",
             ),
         ];
         for (flow, text) in cases {
             let leg = Leg {
                 flow,
-                max_s: 60.0,
+                max_s: Seconds(60.0),
                 log: Log::Charge,
             };
             assert_eq!(leg.check(&LIMITS).err().unwrap_or_default(), text, "{leg}");

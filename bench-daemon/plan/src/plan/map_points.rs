@@ -1,5 +1,7 @@
 //! The points of a map, as a table: what is measured at each, its margins and its duration.
 
+use instruments::units::{Amps, Celsius, Coulombs, Seconds, Volts};
+
 use super::{MapPoint, Plan, Stage, Step};
 use crate::interlock::Limits;
 
@@ -12,19 +14,19 @@ pub struct PointRow {
     pub soc: f64,
     /// Temperature, °C.
     #[serde(rename = "temperature_c")]
-    pub temperature_degc: f64,
+    pub temperature_degc: Celsius,
     /// What is measured.
     pub measured: Vec<String>,
     /// Lowest and highest voltage at rest that agree with the charge, V.
-    pub rest_v: Option<(f64, f64)>,
+    pub rest_v: Option<(Volts, Volts)>,
     /// Least distance of the pulses from the lowest and from the highest voltage of the cell, V, in
     /// the worst case.
-    pub margin_v: Option<(f64, f64)>,
+    pub margin_v: Option<(Volts, Volts)>,
     /// Expected and longest duration, s.
-    pub span_s: (f64, f64),
+    pub span_s: (Seconds, Seconds),
     /// Charge into and out of the cell, C.
     #[serde(rename = "charge_c")]
-    pub charge_coulomb: (f64, f64),
+    pub charge_coulomb: (Coulombs, Coulombs),
 }
 
 impl Plan {
@@ -55,8 +57,8 @@ impl PointRow {
             measured: Vec::new(),
             rest_v: None,
             margin_v: None,
-            span_s: (0.0, 0.0),
-            charge_coulomb: (0.0, 0.0),
+            span_s: (Seconds::ZERO, Seconds::ZERO),
+            charge_coulomb: (Coulombs::ZERO, Coulombs::ZERO),
         }
     }
 
@@ -86,23 +88,23 @@ impl PointRow {
     pub fn line(&self) -> String {
         let (into_coulomb, out_coulomb) = self.charge_coulomb;
         let rest = self.rest_v.map_or_else(String::new, |(low_v, high_v)| {
-            format!("; {low_v:.3} V to {high_v:.3} V at rest")
+            format!("; {low_v:.3} to {high_v:.3} at rest")
         });
         let margin = self.margin_v.map_or_else(String::new, |(low_v, high_v)| {
             format!(
-                "; pulses at least {low_v:.3} V above and {high_v:.3} V below the limits of the \
+                "; pulses at least {low_v:.3} above and {high_v:.3} below the limits of the \
                 cell"
             )
         });
         format!(
-            "{}, {} %, {} °C: {}{rest}{margin}; {out_coulomb:.0} C out, {into_coulomb:.0} C in; \
+            "{}, {} %, {} °C: {}{rest}{margin}; {out_coulomb:.0} out, {into_coulomb:.0} in; \
             about {:.0} min, at most {:.0} min",
             self.point,
             super::percent(self.soc),
-            self.temperature_degc,
+            self.temperature_degc.0,
             self.measured.join(", "),
-            self.span_s.0 / 60.0,
-            self.span_s.1 / 60.0
+            (self.span_s.0 / 60.0).0,
+            (self.span_s.1 / 60.0).0
         )
     }
 }
@@ -124,8 +126,8 @@ fn in_words(stage: &Stage) -> Vec<String> {
         let amps: Vec<String> = trace
             .levels
             .iter()
-            .filter(|level| level.current_a != 0.0)
-            .map(|level| format!("{:+} A", level.current_a))
+            .filter(|level| level.current_a != Amps::ZERO)
+            .map(|level| format!("{:+} A", level.current_a.0))
             .collect();
         words.push(format!("pulses of {}", amps.join(", ")));
     }

@@ -4,6 +4,8 @@ use std::fmt;
 
 use analysis_signal::multisine::{Design, Disturbed};
 
+use instruments::units::{Amps, Hertz, Seconds};
+
 use super::minutes;
 use crate::{interlock::Limits, measure::quality::Quality};
 
@@ -13,17 +15,17 @@ pub struct Band {
     /// Its number, from 1.
     pub number: usize,
     /// Base frequency, Hz: the inverse of the period.
-    pub base_hz: f64,
+    pub base_hz: Hertz,
     /// Lines and phases.
     pub design: Design,
     /// Steps of one period in the generator.
     pub steps: usize,
     /// Peak of the current, A.
-    pub peak_a: f64,
+    pub peak_a: Amps,
     /// Wait before the record, s.
-    pub settle_s: f64,
+    pub settle_s: Seconds,
     /// Length of the record, whole periods, s.
-    pub span_s: f64,
+    pub span_s: Seconds,
     /// Points in the scope's memory per channel.
     pub memory_points: u64,
     /// Points downloaded per channel.
@@ -39,7 +41,7 @@ pub struct Band {
 
 impl Band {
     /// Returns the greatest mean magnitude of the current, A: its effective value.
-    pub fn mean_a(&self) -> f64 {
+    pub fn mean_a(&self) -> Amps {
         self.peak_a / self.design.crest_factor
     }
 
@@ -49,21 +51,21 @@ impl Band {
     }
 
     /// Returns the expected duration, s; the upper bound is separate.
-    pub(super) fn expected_s(&self) -> f64 {
+    pub(super) fn expected_s(&self) -> Seconds {
         self.settle_s + self.span_s
     }
 
     /// Returns an error if the band could exceed the limits of the cell.
     pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
         let greatest_a = limits.charge_a.min(limits.discharge_a);
-        if !(self.peak_a > 0.0 && self.peak_a <= greatest_a) {
+        if !(self.peak_a > Amps::ZERO && self.peak_a <= greatest_a) {
             return Err(format!(
-                "expected a peak above 0 A, at most {greatest_a} A, found {} A",
+                "expected a peak above 0 A, at most {greatest_a}, found {}",
                 self.peak_a
             ));
         }
         let sound = !self.design.harmonics.is_empty()
-            && self.base_hz > 0.0
+            && self.base_hz > Hertz::ZERO
             && (self.periods() - self.periods().round()).abs() < 1.0e-6;
         sound.then_some(()).ok_or_else(|| {
             format!(
@@ -78,7 +80,7 @@ impl Band {
 impl fmt::Display for Band {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let hertz = |harmonic: Option<&usize>| {
-            harmonic.map_or(f64::NAN, |harmonic| *harmonic as f64 * self.base_hz)
+            harmonic.map_or(Hertz::NAN, |harmonic| *harmonic as f64 * self.base_hz)
         };
         let (first, last) = (
             hertz(self.design.harmonics.first()),
@@ -86,12 +88,12 @@ impl fmt::Display for Band {
         );
         write!(
             f,
-            "multisine {}: {} lines from {first:.4} Hz to {last:.4} Hz, peak {} A, {:.3} A each \
+            "multisine {}: {} lines from {first:.4} to {last:.4}, peak {}, {:.3} A each \
             (crest factor {:.2}), settle {}, {:.0} periods in {}",
             self.number,
             self.design.harmonics.len(),
             self.peak_a,
-            self.design.amplitude * self.peak_a,
+            (self.design.amplitude * self.peak_a).0,
             self.design.crest_factor,
             minutes(self.settle_s),
             self.periods(),
@@ -112,7 +114,12 @@ impl Band {
             self.record_points as f64 / self.periods()
         )?;
         for (from, to) in &self.moved {
-            write!(f, ", {:.4} Hz moved to {:.4} Hz", hertz(*from), hertz(*to))?;
+            write!(
+                f,
+                ", {:.4} Hz moved to {:.4} Hz",
+                hertz(*from).0,
+                hertz(*to).0
+            )?;
         }
         let Some(Disturbed { image, error_ohm }) = self.disturbed else {
             return write!(f, ", no image of a step on a line");
@@ -122,9 +129,9 @@ impl Band {
             ", images of the steps on lines at most about {:.1} µΩ, on {:.4} Hz that of {:.4} Hz \
             at {:.0} kHz",
             1.0e6 * error_ohm,
-            hertz(image.onto),
-            hertz(image.of),
-            1.0e-3 * hertz(image.at)
+            hertz(image.onto).0,
+            hertz(image.of).0,
+            1.0e-3 * hertz(image.at).0
         )
     }
 }

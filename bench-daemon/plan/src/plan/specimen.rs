@@ -2,6 +2,8 @@
 
 use std::{fmt, sync::Arc};
 
+use instruments::units::{Celsius, Coulombs};
+
 /// A named cell.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Specimen {
@@ -46,21 +48,16 @@ pub struct MapPoint {
     /// State of charge.
     pub soc: f64,
     /// Temperature, °C.
-    pub temperature_degc: f64,
+    pub temperature_degc: Celsius,
     /// Charge below that of the full cell, C.
-    pub below_full_coulomb: f64,
+    pub below_full_coulomb: Coulombs,
     /// Distance from this charge within which the cell counts as being there, C.
-    pub within_coulomb: f64,
+    pub within_coulomb: Coulombs,
 }
 
 impl fmt::Display for MapPoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{} % and {} °C",
-            percent(self.soc),
-            self.temperature_degc
-        )
+        write!(f, "{} % and {}", percent(self.soc), self.temperature_degc)
     }
 }
 

@@ -2,7 +2,10 @@
 //! counted charge, a rest, the sweep, the multisine and the pulses. The stages of a point begin with
 //! it, as those of a campaign begin with the selection of their cell.
 
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Coulombs, Seconds, Volts},
+};
 
 use super::{power::Power, temperature, trace};
 use crate::{
@@ -12,9 +15,9 @@ use crate::{
 };
 
 /// Greatest duration of a leg, as a multiple of the time for its charge, and additional time, s.
-const LONGER: (f64, f64) = (1.5, 600.0);
+const LONGER: (f64, Seconds) = (1.5, Seconds(600.0));
 /// Additional time for a constant voltage, s.
-const HOLD_S: f64 = 7200.0;
+const HOLD_S: Seconds = Seconds(7200.0);
 /// Digits of a voltage in the plan, 1/V.
 const PER_V: f64 = 1.0e4;
 
@@ -89,7 +92,8 @@ impl Mapped<'_> {
                 current_a: legs.discharge_a,
                 until_v: legs.discharge_until_v,
                 below_full_coulomb: below_coulomb,
-                expected_coulomb: below_coulomb - left.map_or(0.0, |left| left.below_full_coulomb),
+                expected_coulomb: below_coulomb
+                    - left.map_or(Coulombs::ZERO, |left| left.below_full_coulomb),
             },
             max_s: LONGER.0 * most_s + LONGER.1,
             log: Log::MapDischarge(number),
@@ -125,7 +129,7 @@ impl Mapped<'_> {
         &self,
         run: &CampaignRun,
         point: &MapPoint,
-        screen_s: &impl Fn(f64) -> f64,
+        screen_s: &impl Fn(Seconds) -> Seconds,
     ) -> (Option<Stage>, Vec<String>) {
         let measured = self.map.place(run.number).is_some_and(|place| place.pulses);
         let Some(pulses) = self.map.pulses.as_ref().filter(|_| measured) else {
@@ -149,25 +153,25 @@ impl Mapped<'_> {
         let (mut kept, mut left_out) = (vec![*rest], Vec::new());
         for pair in pairs.chunks(2) {
             let with = [&kept[..], pair].concat();
-            let charges = pair.first().is_some_and(|pulse| pulse.current_a > 0.0);
+            let charges = pair
+                .first()
+                .is_some_and(|pulse| pulse.current_a > Amps::ZERO);
             let checked = if charges && point.temperature_degc < CHARGE_LEAST_DEGC {
-                Err(format!(
-                    "a cell is charged at {CHARGE_LEAST_DEGC} °C or above"
-                ))
+                Err(format!("a cell is charged at {CHARGE_LEAST_DEGC} or above"))
             } else {
                 check_voltage(&of(with.clone()), &self.cell.limits)
             };
             match checked {
                 Ok(()) => kept = with,
                 Err(reason) => left_out.extend(pair.first().map(|pulse| {
-                    let way = if pulse.current_a < 0.0 {
+                    let way = if pulse.current_a < Amps::ZERO {
                         "discharge"
                     } else {
                         "charge"
                     };
                     format!(
                         "{way} pulse of {} A left out: {reason}",
-                        pulse.current_a.abs()
+                        pulse.current_a.abs().0
                     )
                 })),
             }
@@ -180,7 +184,7 @@ impl Mapped<'_> {
 /// Returns the pulses of each point that are left out, by the number of the point, and why.
 pub(super) fn left_out(
     mapped: &Mapped<'_>,
-    screen_s: &impl Fn(f64) -> f64,
+    screen_s: &impl Fn(Seconds) -> Seconds,
 ) -> Vec<(usize, String)> {
     let of = |run: CampaignRun| {
         let reasons = run
@@ -199,6 +203,6 @@ fn check_voltage(stage: &Stage, limits: &Limits) -> Result<(), String> {
     })
 }
 
-fn rounded_v(volts: f64) -> f64 {
-    (volts * PER_V).round() / PER_V
+fn rounded_v(volts: Volts) -> Volts {
+    Volts((volts * PER_V).0.round() / PER_V)
 }

@@ -13,7 +13,12 @@ mod trace;
 
 use std::sync::Arc;
 
-use instruments::{fixture::Fixture, instrument::by_key, scope, units::Seconds};
+use instruments::{
+    fixture::Fixture,
+    instrument::by_key,
+    scope,
+    units::{Amps, Seconds},
+};
 
 use crate::{
     config::{Eis, Experiment, Instrument},
@@ -37,7 +42,7 @@ pub fn plan(experiment: &Experiment) -> Plan {
         .fixture_check
         .as_ref()
         .map_or(&[][..], |check| &check.beyond_hz);
-    let sweep = |fixture, repeat, [bias_a, amplitude_a]: [f64; 2]| {
+    let sweep = |fixture, repeat, [bias_a, amplitude_a]: [Amps; 2]| {
         let (eis, settings) = experiment.eis.as_ref().zip(settings.as_ref())?;
         let sweep = eis_sweep::Sweep {
             fixture,
@@ -51,13 +56,16 @@ pub fn plan(experiment: &Experiment) -> Plan {
         };
         Some(eis_sweep::stage(&sweep, eis, limits, time_base(experiment)))
     };
-    let amplitude_a = experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a);
+    let amplitude_a = experiment
+        .eis
+        .as_ref()
+        .map_or(Amps::ZERO, |eis| eis.amplitude_a);
     for (control, _) in experiment
         .fixture_check
         .iter()
         .flat_map(|check| &check.controls)
     {
-        stages.extend(sweep(*control, 0, [0.0, amplitude_a]));
+        stages.extend(sweep(*control, 0, [Amps::ZERO, amplitude_a]));
     }
     let temperature = experiment.temperature.as_ref().map(temperature::stage);
     if let Some(campaign) = &experiment.campaign {
@@ -81,7 +89,7 @@ pub fn plan(experiment: &Experiment) -> Plan {
                 .chain(reset.clone());
             let parts = reset
                 .chain(temperature.clone())
-                .chain(sweep(Fixture::Cell, run.number, [0.0, amplitude_a]))
+                .chain(sweep(Fixture::Cell, run.number, [Amps::ZERO, amplitude_a]))
                 .chain(traces);
             stages.extend(parts.map(|stage| campaign::of_run(stage, &run)));
         }
@@ -97,7 +105,7 @@ pub fn plan(experiment: &Experiment) -> Plan {
                 let asked = multisine::Asked {
                     multisine,
                     repeat: run.number,
-                    bias_a: 0.0,
+                    bias_a: Amps::ZERO,
                     seed: experiment.seed,
                 };
                 multisine::stage(&asked, limits, power)
@@ -105,7 +113,9 @@ pub fn plan(experiment: &Experiment) -> Plan {
             let parts = mapped
                 .approach(&run, &point)
                 .into_iter()
-                .chain(swept.and_then(|_| sweep(Fixture::Cell, run.number, [0.0, amplitude_a])))
+                .chain(
+                    swept.and_then(|_| sweep(Fixture::Cell, run.number, [Amps::ZERO, amplitude_a])),
+                )
                 .chain(multisine)
                 .chain(mapped.pulses(&run, &point, &time_base(experiment)).0);
             stages.extend(parts.map(|stage| campaign::of_run(stage, &run)));
@@ -198,7 +208,7 @@ fn settings(eis: &Eis) -> SweepSettings {
 }
 
 /// Returns a function from a least span to the time that the scope's screen spans.
-fn time_base(experiment: &Experiment) -> impl Fn(f64) -> f64 {
+fn time_base(experiment: &Experiment) -> impl Fn(Seconds) -> Seconds {
     let scope =
         experiment
             .bench
@@ -210,7 +220,7 @@ fn time_base(experiment: &Experiment) -> impl Fn(f64) -> f64 {
             });
     move |span_s| {
         scope.map_or(span_s, |capabilities| {
-            capabilities.time_per_div(Seconds(span_s)).value() * capabilities.horizontal_div
+            capabilities.time_per_div(span_s) * capabilities.horizontal_div
         })
     }
 }

@@ -4,7 +4,10 @@
 use std::sync::Arc;
 
 use analysis_signal::multisine::{Choice, Path, Placement, Sampling, design, odd_grid, place};
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Ohms, Seconds, Volts},
+};
 
 use crate::{
     config::{Band as Wanted, Multisine},
@@ -16,9 +19,9 @@ use super::{biased, power::Power};
 
 /// Distance of the compliance above the cell's limit: a least value, V, and the resistance of the
 /// loop, Ω.
-const COMPLIANCE: (f64, f64) = (0.3, 0.1);
+const COMPLIANCE: (Volts, Ohms) = (Volts(0.3), Ohms(0.1));
 /// Factor and margin, A, of the current limit above the peak.
-const LIMIT: (f64, f64) = (1.1, 0.5);
+const LIMIT: (f64, Amps) = (1.1, Amps(0.5));
 
 /// Largest error of the impedance at a line due to an image, Ω. It is half the standard deviation
 /// that the noise of the demo's records has there (6 µΩ), so that the sum is an eighth larger. The
@@ -41,7 +44,11 @@ const LEAST_DEPTH: f64 = 1.0e4;
 /// beyond the noise, or those with the least disturbance.
 fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
     let (start_hz, stop_hz) = band.range_hz;
-    let harmonics = odd_grid(band.base_hz, start_hz..=stop_hz, band.lines);
+    let harmonics = odd_grid(
+        band.base_hz.value(),
+        start_hz.value()..=stop_hz.value(),
+        band.lines,
+    );
     let periods = ((band.span_s * band.base_hz).round() as usize).max(1);
     let steps: Vec<usize> = std::iter::successors(Some(band.steps.0), |steps| Some(2 * steps))
         .take_while(|s| *s <= band.steps.1)
@@ -56,7 +63,7 @@ fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
         (stop_hz / band.base_hz * (1.0 + 1.0e-9)).floor() as usize,
     );
     let path = Path {
-        corner_hz: CORNER * band.followed_hz,
+        corner_hz: CORNER * band.followed_hz.value(),
         loop_h: LOOP_H,
         skew_s: SKEW_S,
         pickup_h: PICKUP_H,
@@ -66,7 +73,7 @@ fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
         samples: &samples,
         periods,
         range,
-        base_hz: band.base_hz,
+        base_hz: band.base_hz.value(),
         path,
         tolerated_ohm: TOLERATED_OHM,
     };
@@ -117,7 +124,7 @@ pub(super) struct Asked<'a> {
     /// Its number among the stages, from 1.
     pub(super) repeat: usize,
     /// Direct current under it, A.
-    pub(super) bias_a: f64,
+    pub(super) bias_a: Amps,
     /// Seed of the phases.
     pub(super) seed: u64,
 }
@@ -129,11 +136,11 @@ pub(super) fn stage(asked: &Asked<'_>, limits: &Limits, power: Power) -> Stage {
         bias_a,
         seed,
     } = *asked;
-    let bias = multisine.bias.as_ref().filter(|_| bias_a != 0.0);
+    let bias = multisine.bias.as_ref().filter(|_| bias_a != Amps::ZERO);
     let bias = bias.map(|bias| bias.plan(bias_a, multisine.peak_a));
     let peak_a = bias_a.abs() + multisine.peak_a;
     let mut steps = vec![Step::Mount(Fixture::Cell)];
-    if multisine.rest_s > 0.0 {
+    if multisine.rest_s > Seconds::ZERO {
         steps.push(Step::Pause {
             span_s: multisine.rest_s,
         });
@@ -176,7 +183,11 @@ fn bands(multisine: &Multisine, seed: u64) -> Vec<Band> {
             worst,
         } = placed(multisine, band);
         let (start_hz, stop_hz) = band.range_hz;
-        let wanted = odd_grid(band.base_hz, start_hz..=stop_hz, band.lines);
+        let wanted = odd_grid(
+            band.base_hz.value(),
+            start_hz.value()..=stop_hz.value(),
+            band.lines,
+        );
         let moved = wanted
             .iter()
             .copied()
@@ -204,22 +215,23 @@ fn bands(multisine: &Multisine, seed: u64) -> Vec<Band> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use instruments::units::Hertz;
 
     fn multisine(record_points: u64, lines: usize) -> Multisine {
         let band = Wanted {
-            base_hz: 5.0,
-            range_hz: (15.0, 300.0),
+            base_hz: Hertz(5.0),
+            range_hz: (Hertz(15.0), Hertz(300.0)),
             lines,
-            span_s: 2.0,
-            settle_s: 5.0,
+            span_s: Seconds(2.0),
+            settle_s: Seconds(5.0),
             steps: (4096, 16_384),
-            followed_hz: 3000.0,
+            followed_hz: Hertz(3000.0),
         };
         let (memory_points, quality) = (1_000_000, None);
         Multisine {
-            peak_a: 2.0,
+            peak_a: Amps(2.0),
             repeat: 1,
-            rest_s: 0.0,
+            rest_s: Seconds(0.0),
             bands: vec![band],
             memory_points,
             record_points,

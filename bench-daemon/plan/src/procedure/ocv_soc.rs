@@ -3,7 +3,10 @@
 //! the resistance for the compensation of the load's voltage drop, at the terminals where the
 //! voltage is read.
 
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Seconds, Volts},
+};
 
 use crate::{
     config::{Cell, OcvSoc},
@@ -12,11 +15,11 @@ use crate::{
 
 /// Distance from the cell's limits at which the currents end, V: a meter error of a few millivolts
 /// must not cause a trip at the end.
-const INSIDE_V: f64 = 0.005;
+const INSIDE_V: Volts = Volts(0.005);
 /// Greatest duration of a leg, as a multiple of the time for the cell's capacity.
 const LONGER: f64 = 1.5;
 /// Additional time for a constant voltage, s.
-const HOLD_S: f64 = 7200.0;
+const HOLD_S: Seconds = Seconds(7200.0);
 
 pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
     let until_v = ocv.discharge_until_v.max(cell.limits.min_v + INSIDE_V);
@@ -28,7 +31,7 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
     };
     let parts = ocv.interruptions + 1;
     let part_coulomb = cell.capacity_coulomb / parts as f64;
-    let whole_s = |amps: f64| LONGER * cell.capacity_coulomb / amps;
+    let whole_s = |amps: Amps| LONGER * cell.capacity_coulomb / amps;
     let pause = |log| {
         Step::Leg(Leg {
             flow: Flow::Rest,
@@ -92,32 +95,33 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
 mod tests {
     use super::*;
     use crate::interlock::{Limits, Settings};
+    use instruments::units::{Celsius, Coulombs, KelvinsPerSecond};
 
     #[test]
     fn the_ends_lie_inside_the_limits_and_each_direction_has_its_pauses() {
         let limits = Limits {
-            min_v: 2.5,
-            max_v: 4.2,
-            charge_a: 13.5,
-            discharge_a: 45.0,
-            min_degc: 0.0,
-            max_degc: 60.0,
+            min_v: Volts(2.5),
+            max_v: Volts(4.2),
+            charge_a: Amps(13.5),
+            discharge_a: Amps(45.0),
+            min_degc: Celsius(0.0),
+            max_degc: Celsius(60.0),
         };
         let interlock = Settings {
-            rate_k_per_s: 0.1,
-            window_s: 60.0,
-            charge_coulomb: 20_000.0,
-            drift_coulomb: 100.0,
-            reading_age_s: 10.0,
-            temperature_age_s: 60.0,
-            frozen_s: 30.0,
-            capacity_coulomb: 1.0,
-            frozen_coulomb: 10.0,
+            rate_k_per_s: KelvinsPerSecond(0.1),
+            window_s: Seconds(60.0),
+            charge_coulomb: Coulombs(20_000.0),
+            drift_coulomb: Coulombs(100.0),
+            reading_age_s: Seconds(10.0),
+            temperature_age_s: Seconds(60.0),
+            frozen_s: Seconds(30.0),
+            capacity_coulomb: Coulombs(1.0),
+            frozen_coulomb: Coulombs(10.0),
         };
         let cell = Cell {
             name: "c".to_owned(),
             identity: crate::config::Identity::default(),
-            capacity_coulomb: 16_200.0,
+            capacity_coulomb: Coulombs(16_200.0),
             limits,
             interlock,
             series: 1,
@@ -126,15 +130,15 @@ mod tests {
             wide: Vec::new(),
         };
         let ocv = OcvSoc {
-            charge_a: 1.0,
-            charge_limit_v: 4.2,
-            cut_off_a: 0.1,
-            discharge_a: 1.0,
-            discharge_until_v: 2.5,
-            tail_a: 0.2,
+            charge_a: Amps(1.0),
+            charge_limit_v: Volts(4.2),
+            cut_off_a: Amps(0.1),
+            discharge_a: Amps(1.0),
+            discharge_until_v: Volts(2.5),
+            tail_a: Amps(0.2),
             interruptions: 3,
-            interruption_s: 60.0,
-            rest_s: (300.0, 3600.0),
+            interruption_s: Seconds(60.0),
+            rest_s: (Seconds(300.0), Seconds(3600.0)),
             rest_slope_v_per_s: 1.0e-6,
             both_directions: true,
             dcir_ohm: None,
@@ -177,7 +181,7 @@ mod tests {
         let one_way = stage(
             &OcvSoc {
                 both_directions: false,
-                tail_a: 1.0,
+                tail_a: Amps(1.0),
                 ..ocv
             },
             &cell,

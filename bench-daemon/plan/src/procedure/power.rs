@@ -1,6 +1,9 @@
 //! Power-up of the bipolar supply, which all stages of an experiment share.
 
-use instruments::supply4q::Holds;
+use instruments::{
+    supply4q::Holds,
+    units::{Amps, Volts},
+};
 
 use crate::{
     config::Experiment,
@@ -14,7 +17,7 @@ pub(super) struct Power {
     /// Limit that the bipolar supply enforces itself.
     pub(super) held: Holds,
     /// Greatest current while its command is zero, A.
-    pub(super) idle_a: f64,
+    pub(super) idle_a: Amps,
     /// Memory depth of the scope for the sweeps, if there are any.
     pub(super) depth: Option<Depth>,
 }
@@ -24,7 +27,7 @@ impl Power {
     /// stages, too.
     pub(super) fn of(experiment: &Experiment) -> Self {
         let eis = experiment.eis.as_ref();
-        let half_a = eis.map_or(f64::INFINITY, |eis| 0.5 * eis.amplitude_a);
+        let half_a = eis.map_or(Amps::INFINITY, |eis| 0.5 * eis.amplitude_a);
         Self {
             held: experiment
                 .bench
@@ -39,7 +42,7 @@ impl Power {
     }
 
     /// Returns the step that powers up.
-    pub(super) fn up(self, compliance_v: f64, limit_a: f64) -> Step {
+    pub(super) fn up(self, compliance_v: Volts, limit_a: Amps) -> Step {
         let Self {
             held,
             idle_a,

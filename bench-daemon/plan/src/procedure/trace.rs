@@ -5,7 +5,10 @@
 
 use std::{ops::RangeInclusive, sync::Arc};
 
-use instruments::fixture::Fixture;
+use instruments::{
+    fixture::Fixture,
+    units::{Amps, Ohms, Seconds, Unit, Volts},
+};
 
 use crate::{
     config::{AFTER_WAVE_S, BEFORE_S, Cell, Segment, Trace},
@@ -15,13 +18,13 @@ use crate::{
 use super::power::Power;
 
 /// Least time from a step to the end of its frame, s.
-const AFTER_S: f64 = 2.0;
+const AFTER_S: Seconds = Seconds(2.0);
 /// Longest part of a rest before the first step that is recorded, s.
-const LEAD_S: f64 = 20.0;
+const LEAD_S: Seconds = Seconds(20.0);
 /// Time to read a frame and arm for the next, s.
-const GAP_S: f64 = 2.5;
+const GAP_S: Seconds = Seconds(2.5);
 /// Length of a frame between steps, s: long enough to roll.
-const SPOT_S: f64 = 1.0;
+const SPOT_S: Seconds = Seconds(1.0);
 const SPOT_POINTS: u64 = 2_000;
 /// Greatest share of a step that is due to rounding.
 const ROUNDING: f64 = 1.0e-6;
@@ -31,12 +34,12 @@ const WAVE_POINTS: [u64; 3] = [POINTS, 2 * POINTS, 5 * POINTS];
 /// Number of points of a frame around steps.
 const POINTS: u64 = 100_000;
 /// Length up to which a frame has that number of points, s; longer frames have ten times as many.
-const FINE_S: f64 = 10.0;
+const FINE_S: Seconds = Seconds(10.0);
 /// Distance of the compliance above the cell's limit: a least value, V, and the resistance of the
 /// loop, Ω.
-const COMPLIANCE: (f64, f64) = (0.3, 0.1);
+const COMPLIANCE: (Volts, Ohms) = (Volts(0.3), Ohms(0.1));
 /// Factor and margin, A, of the current limit above the greatest current.
-const LIMIT: (f64, f64) = (1.02, 0.5);
+const LIMIT: (f64, Amps) = (1.02, Amps(0.5));
 
 /// Returns the stage of a trace. `screen_s` returns the time that the scope's screen spans for a
 /// given least span.
@@ -45,7 +48,7 @@ pub(super) fn stage(
     repeat: usize,
     cell: &Cell,
     power: Power,
-    screen_s: impl Fn(f64) -> f64,
+    screen_s: impl Fn(Seconds) -> Seconds,
 ) -> Stage {
     let levels = levels(trace);
     let frames = match trace.through {
@@ -89,14 +92,14 @@ pub(super) fn stage(
 }
 
 /// Rounds to two decimals, which is the resolution of a supply.
-fn hundredths(value: f64) -> f64 {
-    (value * 100.0).round() / 100.0
+fn hundredths<Q: Unit>(value: Q) -> Q {
+    Q::of((value.number() * 100.0).round() / 100.0)
 }
 
 /// Returns the steps of the current; equal neighbours are merged, and nothing flows at the end.
 fn levels(trace: &Trace) -> Vec<Level> {
-    let (mut levels, mut flowing, mut at_s): (Vec<Level>, _, f64) =
-        (Vec::new(), (0.0, None), before_s(trace));
+    let (mut levels, mut flowing, mut at_s): (Vec<Level>, _, Seconds) =
+        (Vec::new(), (Amps::ZERO, None), before_s(trace));
     for Segment {
         current_a,
         duration_s,
@@ -104,7 +107,7 @@ fn levels(trace: &Trace) -> Vec<Level> {
     } in trace.segments.iter().copied()
     {
         // Without a current the power is undefined.
-        let power_w = power_w.filter(|_| current_a != 0.0);
+        let power_w = power_w.filter(|_| current_a != Amps::ZERO);
         if (current_a, power_w) != flowing {
             levels.push(Level {
                 at_s,
@@ -115,10 +118,10 @@ fn levels(trace: &Trace) -> Vec<Level> {
         }
         at_s += duration_s;
     }
-    if flowing.0 != 0.0 || levels.is_empty() {
+    if flowing.0 != Amps::ZERO || levels.is_empty() {
         levels.push(Level {
             at_s,
-            current_a: 0.0,
+            current_a: Amps::ZERO,
             power_w: None,
         });
     }
@@ -126,7 +129,7 @@ fn levels(trace: &Trace) -> Vec<Level> {
 }
 
 /// Returns the time before the first row, s: whole steps of a wave.
-fn before_s(trace: &Trace) -> f64 {
+fn before_s(trace: &Trace) -> Seconds {
     if let Through::Wave { step_s, .. } = trace.through {
         (BEFORE_S / step_s - ROUNDING).ceil() * step_s
     } else {
@@ -135,7 +138,7 @@ fn before_s(trace: &Trace) -> f64 {
 }
 
 /// Returns the frame that holds a whole wave, with the number of points that its steps require.
-fn wave_frame(end_s: f64, step_s: f64, screen_s: impl Fn(f64) -> f64) -> Frame {
+fn wave_frame(end_s: Seconds, step_s: Seconds, screen_s: impl Fn(Seconds) -> Seconds) -> Frame {
     let span_s = screen_s(end_s + AFTER_WAVE_S);
     let wanted = span_s / step_s * SAMPLES_PER_STEP;
     let record_points = WAVE_POINTS
@@ -143,36 +146,36 @@ fn wave_frame(end_s: f64, step_s: f64, screen_s: impl Fn(f64) -> f64) -> Frame {
         .find(|points| *points as f64 >= wanted)
         .unwrap_or(10 * POINTS);
     Frame {
-        start_s: 0.0,
+        start_s: Seconds::ZERO,
         span_s,
         memory_points: record_points.max(10 * POINTS),
         record_points,
     }
 }
 
-fn end_s(trace: &Trace) -> f64 {
+fn end_s(trace: &Trace) -> Seconds {
     before_s(trace)
         + trace
             .segments
             .iter()
             .map(|segment| segment.duration_s)
-            .sum::<f64>()
+            .sum::<Seconds>()
 }
 
 /// Returns frames around the steps, each as long as its steps require, and spot frames between
 /// them. Their spacing grows with the time since the step.
 fn frames(
     levels: &[Level],
-    end_s: f64,
+    end_s: Seconds,
     trace: &Trace,
-    screen_s: impl Fn(f64) -> f64,
+    screen_s: impl Fn(Seconds) -> Seconds,
 ) -> Vec<Frame> {
     let mut frames: Vec<Frame> = Vec::new();
-    let (mut free_s, mut first, mut stepped_s) = (0.0, 0, 0.0);
+    let (mut free_s, mut first, mut stepped_s) = (Seconds::ZERO, 0, Seconds::ZERO);
     while let Some(step) = levels.get(first) {
         let start_s = (step.at_s - BEFORE_S).max(free_s);
         if first == 0 {
-            free_s = (start_s - LEAD_S).max(0.0);
+            free_s = (start_s - LEAD_S).max(Seconds::ZERO);
         }
         spots(
             free_s..=start_s - GAP_S - SPOT_S,
@@ -208,7 +211,12 @@ fn frames(
     frames
 }
 
-fn spots(range_s: RangeInclusive<f64>, stepped_s: f64, trace: &Trace, frames: &mut Vec<Frame>) {
+fn spots(
+    range_s: RangeInclusive<Seconds>,
+    stepped_s: Seconds,
+    trace: &Trace,
+    frames: &mut Vec<Frame>,
+) {
     let (mut at_s, latest_s) = range_s.into_inner();
     while at_s <= latest_s {
         frames.push(Frame {
@@ -233,32 +241,33 @@ mod tests {
             role: Role::Train,
             repeat_group: "t".to_owned(),
             repeat: 1,
-            rest_s: 0.0,
+            rest_s: Seconds(0.0),
             through: Through::Bipolar,
             averaged: None,
-            lead_ohm: 0.0,
-            start_v: (3.6, 3.8),
-            resistance_max_ohm: 0.03,
+            lead_ohm: Ohms(0.0),
+            start_v: (Volts(3.6), Volts(3.8)),
+            resistance_max_ohm: Ohms(0.03),
             segments: segments
                 .iter()
                 .map(|&(current_a, duration_s)| Segment {
-                    current_a,
-                    duration_s,
+                    current_a: Amps(current_a),
+                    duration_s: Seconds(duration_s),
                     power_w: None,
                 })
                 .collect(),
-            first_sample_s: 0.002,
+            first_sample_s: Seconds(0.002),
             growth: 0.25,
-            longest_s: 10.0,
+            longest_s: Seconds(10.0),
         }
     }
 
     /// Returns screens of 1, 2, 5 and so on.
-    fn screen_s(span_s: f64) -> f64 {
+    fn screen_s(span_s: Seconds) -> Seconds {
         [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0]
+            .map(Seconds)
             .into_iter()
             .find(|screen_s| *screen_s >= span_s)
-            .unwrap_or(1000.0)
+            .unwrap_or(Seconds(1000.0))
     }
 
     fn laid_out(segments: &[(f64, f64)]) -> (Vec<Level>, Vec<Frame>) {
@@ -273,7 +282,7 @@ mod tests {
         let (levels, _) = laid_out(&[(0.0, 2.0), (-5.0, 3.0), (-5.0, 4.0), (3.0, 5.0)]);
         let met: Vec<(f64, f64)> = levels
             .iter()
-            .map(|level| (level.at_s, level.current_a))
+            .map(|level| (level.at_s.value(), level.current_a.value()))
             .collect();
         assert_eq!(met, [(2.5, -5.0), (9.5, 3.0), (14.5, 0.0)]);
     }
@@ -282,7 +291,11 @@ mod tests {
     fn the_end_of_a_rest_before_the_first_step_is_recorded() {
         let starts = |rest_s: f64| -> Vec<f64> {
             let (_, frames) = laid_out(&[(0.0, rest_s), (-5.0, 5.0)]);
-            frames.iter().take(6).map(|frame| frame.start_s).collect()
+            frames
+                .iter()
+                .take(6)
+                .map(|frame| frame.start_s.value())
+                .collect()
         };
         assert_eq!(starts(15.0), [0.0, 3.5, 7.0, 10.5, 15.0]);
         assert_eq!(starts(100.0)[0], 80.0);
@@ -318,14 +331,14 @@ mod tests {
             }
             for pair in frames.windows(2) {
                 assert!(
-                    pair[1].start_s - pair[0].start_s - pair[0].span_s >= GAP_S - 1.0e-9,
+                    pair[1].start_s - pair[0].start_s - pair[0].span_s >= GAP_S - Seconds(1.0e-9),
                     "{pair:?}"
                 );
             }
             let steps: Vec<f64> = frames
                 .iter()
                 .filter(|frame| frame.span_s > SPOT_S)
-                .map(|frame| frame.span_s)
+                .map(|frame| frame.span_s.value())
                 .collect();
             assert_eq!(steps, around, "{frames:?}");
         }
@@ -335,7 +348,7 @@ mod tests {
         let gaps: Vec<f64> = frames
             .windows(2)
             .take(30)
-            .map(|pair| pair[1].start_s - pair[0].start_s)
+            .map(|pair| (pair[1].start_s - pair[0].start_s).value())
             .collect();
         assert!(
             gaps[1] < 4.0 && (gaps[28] - 10.0).abs() < 1.0e-9,

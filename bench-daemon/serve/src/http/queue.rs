@@ -112,7 +112,7 @@ impl Planned {
             expected_s: stage
                 .steps
                 .iter()
-                .map(bench_plan::plan::Step::expected_s)
+                .map(|step| step.expected_s().value())
                 .sum(),
         });
         Self {
@@ -120,8 +120,8 @@ impl Planned {
             bench: submission.experiment.bench.name.clone(),
             expected_s: submission.expected_s,
             longest_s: submission.longest_s,
-            charge_coulomb: extent.into_coulomb,
-            discharge_coulomb: extent.out_coulomb,
+            charge_coulomb: extent.into_coulomb.0,
+            discharge_coulomb: extent.out_coulomb.0,
             stages: stages.collect(),
         }
     }

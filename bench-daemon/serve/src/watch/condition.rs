@@ -32,7 +32,7 @@ impl Condition {
                 serial: question.serial.clone(),
                 barcode: question.barcode.clone(),
                 on_terminal: question.on_terminal,
-                asked_s: line.time_s,
+                asked_s: line.time_s.0,
             });
         } else if !matches!(line.entry, Entry::Note(_)) {
             // Any other entry means that the run no longer waits for a person.
@@ -41,7 +41,7 @@ impl Condition {
         match &line.entry {
             Entry::Paused => self.paused = true,
             Entry::GoneOn => self.paused = false,
-            Entry::Resumed { .. } => (self.paused, self.process_s) = (false, line.time_s),
+            Entry::Resumed { .. } => (self.paused, self.process_s) = (false, line.time_s.value()),
             Entry::Ended { how } => self.ended = Some(how.clone()),
             _ => {}
         }

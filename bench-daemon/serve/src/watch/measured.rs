@@ -62,7 +62,7 @@ impl Measured {
             return;
         };
         let phase = now.phase.as_str();
-        let rests = matches!(phase, "rest" | "idle" | "paused") && amps.abs() < NO_CURRENT_A;
+        let rests = matches!(phase, "rest" | "idle" | "paused") && amps.abs() < NO_CURRENT_A.0;
         let curve = cell.ocv.as_ref().filter(|_| rests);
         if let Some(share) = curve.and_then(|curve| curve.soc_at(volts)) {
             self.soc = Some(Soc {
@@ -75,7 +75,7 @@ impl Measured {
         {
             let mean_a = 0.5 * (amps + before.current_a.unwrap_or(amps));
             let moved_coulomb = mean_a * (now.time_s - before.time_s);
-            soc.share += moved_coulomb / cell.capacity_coulomb;
+            soc.share += moved_coulomb / cell.capacity_coulomb.value();
             soc.counted_coulomb += moved_coulomb;
         }
     }

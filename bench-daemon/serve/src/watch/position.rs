@@ -100,7 +100,7 @@ impl Position {
     pub(super) fn step_left_s(&self, plan: &Plan, now_s: f64) -> Option<f64> {
         let at = self.at?;
         let step = plan.stages.get(at.stage)?.steps.get(at.step)?;
-        Some((step.expected_s() - (now_s - at.begun_s)).max(0.0))
+        Some((step.expected_s().value() - (now_s - at.begun_s)).max(0.0))
     }
 
     /// Returns the expected bench time of a plan, and of its remaining part at a bench time, s.
@@ -109,7 +109,7 @@ impl Position {
         for (number, stage) in plan.stages.iter().enumerate() {
             let known = self.stages.get(&number);
             for (index, step) in stage.steps.iter().enumerate() {
-                let expected_s = step.expected_s();
+                let expected_s = step.expected_s().value();
                 total_s += expected_s;
                 if known.is_some_and(|known| known.finished || known.steps.contains_key(&index)) {
                     continue;

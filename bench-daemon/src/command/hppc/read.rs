@@ -151,7 +151,7 @@ pub(super) fn charge<'a>(args: &HppcArgs, log: &'a Read, known: Known<'a>) -> Ch
         (args.capacity_ah, "--capacity-ah"),
         (known.curve.map(|curve| curve.capacity_ah), "the OCV curve"),
         (
-            of_cell.map(|cell| cell.capacity_coulomb / 3600.0),
+            of_cell.map(|cell| cell.capacity_coulomb.value() / 3600.0),
             "the file of the cell",
         ),
         (head, "the head of the log"),

@@ -1,5 +1,7 @@
 //! How long the generator's signal continues on its own.
 
+use instruments::units::{Amps, Seconds};
+
 use super::super::ExecuteError;
 use bench_plan::{
     interlock::{NO_CURRENT_A, Reading},
@@ -10,10 +12,10 @@ use bench_plan::{
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Burst {
     /// Earliest end of the signal, bench s.
-    pub ends_s: f64,
+    pub ends_s: Seconds,
     /// Latest end of the signal, bench s.
-    pub(super) ended_s: f64,
-    pub(super) leeway_s: f64,
+    pub(super) ended_s: Seconds,
+    pub(super) leeway_s: Seconds,
     /// Whether the generator is in burst mode.
     pub(super) on: bool,
     /// Whether the generator did not execute the burst command.
@@ -23,8 +25,8 @@ pub(crate) struct Burst {
 impl Default for Burst {
     fn default() -> Self {
         Self {
-            ends_s: f64::INFINITY,
-            ended_s: f64::INFINITY,
+            ends_s: Seconds::INFINITY,
+            ended_s: Seconds::INFINITY,
             leeway_s: LEEWAY_S,
             on: false,
             refused: false,
@@ -37,22 +39,22 @@ impl Burst {
     ///
     /// # Errors
     /// [`ExecuteError::Disobeyed`].
-    pub(crate) fn over(&self, reading: &Reading, steady_a: f64) -> Result<(), ExecuteError> {
+    pub(crate) fn over(&self, reading: &Reading, steady_a: Amps) -> Result<(), ExecuteError> {
         let nothing_a = IDLE_CURRENT_A + NO_CURRENT_A;
         let Some(amps) = reading
             .current_a
-            .filter(|amps| reading.time_s > self.ended_s && (amps - steady_a).abs() > nothing_a)
+            .filter(|amps| reading.time_s > self.ended_s && (*amps - steady_a).abs() > nothing_a)
         else {
             return Ok(());
         };
         let expected = format!(
             "its burst to have ended {:.1} s ago",
-            reading.time_s - self.ended_s
+            (reading.time_s - self.ended_s).0
         );
         Err(ExecuteError::Disobeyed {
             what: "generator".to_owned(),
             expected,
-            met: format!("{amps:.3} A"),
+            met: format!("{amps:.3}"),
         })
     }
 }

@@ -1,5 +1,7 @@
 //! State of the present sweep: the next point, and the cost of its points.
 
+use instruments::units::{Amps, Hertz, Seconds};
+
 use super::super::ExecuteError;
 use crate::{
     journal::Entry,
@@ -14,11 +16,11 @@ use bench_plan::{
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Tone {
     /// Frequency, Hz.
-    pub freq_hz: f64,
+    pub freq_hz: Hertz,
     /// Amplitude of the current, A.
-    pub amplitude_a: f64,
+    pub amplitude_a: Amps,
     /// Shortest wait for the record, s.
-    pub wait_s: f64,
+    pub wait_s: Seconds,
 }
 
 /// The point after the present one.
@@ -35,7 +37,7 @@ pub(crate) struct NextPoint {
 pub(crate) struct StartedPoint {
     pub(super) tone: Tone,
     /// Start time, bench s.
-    pub(super) since_s: f64,
+    pub(super) since_s: Seconds,
 }
 
 /// State of the present sweep: the next point, and the cost of its points.
@@ -111,7 +113,7 @@ impl SweepState {
     }
 
     /// Returns since when the generator has driven this point, if it does.
-    pub(crate) fn take_started(&mut self, tone: &Tone) -> Option<f64> {
+    pub(crate) fn take_started(&mut self, tone: &Tone) -> Option<Seconds> {
         let same = |started: &StartedPoint| {
             started.tone.freq_hz == tone.freq_hz && started.tone.amplitude_a == tone.amplitude_a
         };

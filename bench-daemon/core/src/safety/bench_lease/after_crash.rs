@@ -221,6 +221,7 @@ fn flowing(lines: &[Line]) -> Option<String> {
 mod tests {
     use super::*;
     use crate::journal::Note;
+    use instruments::units::Seconds;
 
     #[test]
     fn a_current_may_flow_from_the_intent_until_something_says_that_everything_is_off() {
@@ -284,7 +285,7 @@ mod tests {
                 .enumerate()
                 .map(|(at, entry)| Line {
                     number: at as u64 + 1,
-                    time_s: 0.0,
+                    time_s: Seconds(0.0),
                     entry,
                 })
                 .collect();

@@ -13,12 +13,13 @@ use std::{
     time::Duration,
 };
 
-use instruments::clock::Clock;
+use instruments::{clock::Clock, units::Seconds};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 
 use super::{ALIVE, Charge, DOING, GOODBYE, NO_BATH, READY, REFUSED, TAKE_OVER};
 use crate::{
     bench::BenchError,
+    clock::TypedClock,
     operator::progress::{Doing, Now},
     safety::state::{State, StateError},
 };
@@ -31,7 +32,7 @@ const UNANSWERED: u64 = 100;
 /// Longest wait for a guardian that reaches and identifies its instruments.
 const START: Duration = Duration::from_secs(90);
 /// Longest wait for the guardian of an earlier run to finish, and the polling period, s.
-const EARLIER_S: (f64, f64) = (120.0, 0.2);
+const EARLIER_S: (Seconds, Seconds) = (Seconds(120.0), Seconds(0.2));
 /// Longest wait for the end of a guardian that was dismissed.
 const END: Duration = Duration::from_secs(15);
 
@@ -194,10 +195,10 @@ impl Keeper {
 /// # Errors
 /// [`GuardianError::Busy`] if the guardian does not finish.
 pub async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), GuardianError> {
-    let start_s = clock.machine_s();
+    let start_s = clock.machine();
     let mut told = false;
     while state.lock_guardian()?.is_none() {
-        if clock.machine_s() - start_s > EARLIER_S.0 {
+        if clock.machine() - start_s > EARLIER_S.0 {
             return Err(GuardianError::Busy(
                 state.path("guardian.log").display().to_string(),
             ));
@@ -208,7 +209,7 @@ pub async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), Guardi
             );
             told = true;
         }
-        clock.sleep_s(EARLIER_S.1).await;
+        clock.sleep_for(EARLIER_S.1).await;
     }
     Ok(())
 }
@@ -217,8 +218,8 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
     let (least_v, greatest_v) = charge.window_v;
     let temperatures = charge.cell_degc.map(|(least_degc, greatest_degc)| {
         [
-            format!("--least-c={least_degc}"),
-            format!("--greatest-c={greatest_degc}"),
+            format!("--least-c={}", least_degc.value()),
+            format!("--greatest-c={}", greatest_degc.value()),
         ]
     });
     // Starts the running program, even if its file has been replaced since. The guardian gets its
@@ -228,8 +229,8 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
         .arg(&charge.bench.path)
         .arg("--run")
         .arg(charge.run)
-        .arg(format!("--least-v={least_v}"))
-        .arg(format!("--greatest-v={greatest_v}"))
+        .arg(format!("--least-v={}", least_v.value()))
+        .arg(format!("--greatest-v={}", greatest_v.value()))
         .args(temperatures.iter().flatten())
         .arg("--sha256")
         .arg(&charge.sha256)
@@ -271,7 +272,7 @@ fn listen(
 struct Renewal {
     clocks: [Clock; 2],
     doing: Doing,
-    stall_s: f64,
+    stall_s: Seconds,
     answers: Arc<AtomicU64>,
     tell: UnboundedSender<GuardianMessage>,
 }
@@ -282,7 +283,7 @@ impl Renewal {
         if self
             .clocks
             .iter()
-            .any(|clock| clock.overdue_s() > self.stall_s)
+            .any(|clock| Seconds(clock.overdue_s()) > self.stall_s)
         {
             return None;
         }
@@ -354,7 +355,7 @@ mod tests {
             let renewal = Renewal {
                 clocks: [clock.clone(), watch.clone()],
                 doing,
-                stall_s: 20.0,
+                stall_s: Seconds(20.0),
                 answers: Arc::default(),
                 tell,
             };
@@ -387,7 +388,7 @@ mod tests {
             assert_eq!(renewal.message(&mut known).as_deref(), Some("."));
             other.sleep_s(2.0).await;
             assert_eq!(renewal.message(&mut known), None);
-            clock.sleep_s(0.1).await;
+            clock.sleep_for(Seconds(0.1)).await;
             assert_eq!(renewal.message(&mut known).as_deref(), Some("."));
         });
     }

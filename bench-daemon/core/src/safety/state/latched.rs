@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use instruments::clock;
+use instruments::{clock, units::Seconds};
 use serde::{Deserialize, Serialize};
 
 use bench_plan::interlock::Trip;
@@ -21,7 +21,7 @@ pub struct Latched {
     /// Its limits; an infinite limit is stored as `None`.
     pub limits: Option<(Option<f64>, Option<f64>)>,
     /// Bench time of the run, s.
-    pub bench_time_s: Option<f64>,
+    pub bench_time_s: Option<Seconds>,
     /// The run folder.
     pub run: Option<PathBuf>,
     /// The step that was being executed.

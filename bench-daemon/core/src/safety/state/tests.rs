@@ -1,3 +1,5 @@
+use instruments::units::Seconds;
+
 use super::*;
 use bench_plan::interlock::Trip;
 
@@ -189,7 +191,7 @@ fn the_first_cause_stays_until_a_person_clears_it_and_all_are_remembered() {
         unit: "V",
         least: 2.5,
         greatest: 4.2,
-        time_s: 12.0,
+        time_s: Seconds(12.0),
     };
     let first = Latched::of_trip("daemon", &trip).during(Path::new("runs/a"), "charge");
     state.latch(&first).unwrap();

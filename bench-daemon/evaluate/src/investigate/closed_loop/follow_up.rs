@@ -6,7 +6,10 @@ use analysis::{
     ocv::OcvCurve,
     series::Role,
 };
-use instruments::fixture;
+use instruments::{
+    fixture,
+    units::{Amps, Celsius, Hertz, Seconds, Volts},
+};
 
 use bench_plan::{
     config::{Eis, EisBias, Experiment, Order, Segment, Trace, check_frames},
@@ -111,7 +114,7 @@ impl Site {
             .check(&experiment.cell.limits)
             .map_err(|error| error.to_string())?;
         let minutes = plan.plan().expected_s() / 60.0;
-        Ok((experiment, minutes))
+        Ok((experiment, minutes.0))
     }
 
     /// Checks whether runs can be executed in turn in one experiment: all have the same object in
@@ -147,7 +150,7 @@ impl Site {
                 .temperature
                 .as_mut()
                 .ok_or("the campaign holds no temperature")?;
-            held.setpoint_degc = run.temperature_degc;
+            held.setpoint_degc = Celsius(run.temperature_degc);
         }
         if (run.soc - self.now_soc).abs() > SOC_NEAR {
             // The reset ends at the campaign's state of charge: its voltages are moved by as much
@@ -157,8 +160,8 @@ impl Site {
                 .soc_reset
                 .ok_or("the campaign has no reset of the state of charge")?;
             let shift_v = self.ocv.voltage_v(run.soc) - self.ocv.voltage_v(begin_soc);
-            reset.discharge_until_v += shift_v;
-            reset.charge_until_v += shift_v;
+            reset.discharge_until_v += Volts(shift_v);
+            reset.charge_until_v += Volts(shift_v);
             experiment.soc_reset = Some(reset);
         }
         Ok(())
@@ -188,8 +191,8 @@ fn sweep(first: &Experiment, run: &PlannedRun) -> Result<Eis, String> {
     };
     let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
     eis.fixture = fixture(first, &run.fixture)?;
-    (eis.repeat, eis.rest_s) = (run.repeat, run.settle_s.min(600.0));
-    (eis.amplitude_a, eis.steps_a) = (*amplitude_a, vec![*amplitude_a]);
+    (eis.repeat, eis.rest_s) = (run.repeat, Seconds(run.settle_s.min(600.0)));
+    (eis.amplitude_a, eis.steps_a) = (Amps(*amplitude_a), vec![Amps(*amplitude_a)]);
     eis.bias = (*bias_a != 0.0).then(|| bias(first, *bias_a)).transpose()?;
     if eis.bias.is_some() {
         // As a file with a bias must be; the fastest points, which move the least charge, come first.
@@ -201,7 +204,7 @@ fn sweep(first: &Experiment, run: &PlannedRun) -> Result<Eis, String> {
     if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
         (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
     }
-    eis.freqs_hz.clone_from(freq_hz);
+    eis.freqs_hz = freq_hz.iter().copied().map(Hertz).collect();
     check_frames(&first.bench, &eis)?;
     Ok(eis)
 }
@@ -216,7 +219,7 @@ fn bias(first: &Experiment, bias_a: f64) -> Result<EisBias, String> {
     let capacity_coulomb = first.cell.capacity_coulomb;
     Ok(EisBias {
         // An experiment counts charging positive.
-        levels_a: vec![0.0 - bias_a],
+        levels_a: vec![Amps(0.0 - bias_a)],
         most_coulomb: EisBias::CHARGE * capacity_coulomb,
         resistance_ohm: like.resistance_max_ohm,
         settle_s: EisBias::SETTLE_S,
@@ -246,8 +249,8 @@ fn trace(
         ocv.voltage_v(run.soc - moved_coulomb / (3600.0 * ocv.capacity_ah)),
     );
     let segment = |(span_s, amps): &(f64, f64)| Segment {
-        current_a: 0.0 - amps,
-        duration_s: span_s.max(SHORTEST_S),
+        current_a: Amps(0.0 - amps),
+        duration_s: Seconds(span_s.max(SHORTEST_S)),
         power_w: None,
     };
     Ok(Trace {
@@ -255,10 +258,10 @@ fn trace(
         role: Role::Train,
         repeat_group: run.repeat_group.clone(),
         repeat: run.repeat,
-        rest_s: run.settle_s.min(600.0),
+        rest_s: Seconds(run.settle_s.min(600.0)),
         start_v: (
-            (begin_v.min(end_v) - START_WITHIN_V).max(limits.min_v),
-            (begin_v.max(end_v) + START_WITHIN_V).min(limits.max_v),
+            Volts((begin_v.min(end_v) - START_WITHIN_V).max(limits.min_v.0)),
+            Volts((begin_v.max(end_v) + START_WITHIN_V).min(limits.max_v.0)),
         ),
         segments: segments.iter().map(segment).collect(),
         through: Through::Bipolar,
@@ -331,7 +334,7 @@ mod tests {
         for stage in &plan.plan().stages {
             for (at, step) in stage.steps.iter().enumerate() {
                 if let Step::Sine { amplitude_a, .. } = step {
-                    driven.push((*amplitude_a, stage.bias_at(at)));
+                    driven.push((amplitude_a.value(), stage.bias_at(at).value()));
                 }
             }
         }

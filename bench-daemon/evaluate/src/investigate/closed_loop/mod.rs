@@ -189,8 +189,8 @@ impl Workspace<'_> {
         let limits = &self.experiment.cell.limits;
         let part = |limit_a: f64| LIMIT_PART * limit_a.min(BENCH_A);
         let limits = BenchLimits {
-            discharge_a: part(limits.discharge_a),
-            charge_a: part(limits.charge_a),
+            discharge_a: part(limits.discharge_a.0),
+            charge_a: part(limits.charge_a.0),
             highest_hz: HIGHEST_HZ,
             shunt_ohm: Some(self.experiment.bench.wiring.shunt.r_ohm),
         };

@@ -15,6 +15,8 @@ use analysis::{
     spectrum::raw_impedance,
 };
 
+use instruments::units::{Amps, Seconds};
+
 use super::{Recorded, figures};
 use crate::run::multisine::{self, MeasuredLine, MultisineRun};
 use bench_core::{
@@ -65,7 +67,7 @@ impl Recorded {
         let of_one = bands.len() / numbers.len();
         let own = bands.chunks(of_one.max(1)).nth(number - numbers.start);
         for band in own.unwrap_or_default() {
-            let attempts = self.attempts(band, repeat, stage.bias_a() != 0.0)?;
+            let attempts = self.attempts(band, repeat, stage.bias_a() != Amps(0.0))?;
             for line in 0..band.design.harmonics.len() {
                 let stored = raw.get(found.len()).map(|point| point.z_ohm);
                 let same = |attempt: &&Vec<MeasuredLine>| {
@@ -121,7 +123,7 @@ impl Recorded {
             match fit_band(
                 band,
                 volts.each_ref().map(Vec::as_slice),
-                capture.meta.interval_s,
+                Seconds(capture.meta.interval_s),
                 changing,
             ) {
                 Ok(BandFit { phasors, lines }) => {
@@ -217,7 +219,7 @@ impl Recorded {
                 },
             ) => {
                 let capture = self.frame(frames.trace, "wave")?;
-                let found = frames.of_wave(&capture, *sent_s, *step_s, planned_s);
+                let found = frames.of_wave(&capture, *sent_s, *step_s, planned_s.0);
                 match &found.1.missing {
                     Some((expected, measured)) => Err(self.failed(&format!(
                         "{}: expected {expected}, found {measured}",

@@ -1,12 +1,11 @@
 //! The sweeps of a run at one amplitude and one direct current, and a comparison of several
 //! amplitudes.
 
+use super::super::Measured;
 use analysis::{
     spectrum::Spectrum,
     validity::{Noise, linearity},
 };
-
-use super::super::Measured;
 
 /// Relative difference below which amplitudes count as equal.
 const SAME_AMPLITUDE: f64 = 0.1;
@@ -87,6 +86,7 @@ pub(super) fn linearity_in_words(measured: &Measured) -> Option<(bool, String)> 
 
 #[cfg(test)]
 mod tests {
+    use instruments::units::{Hertz, Seconds};
     use std::path::Path;
 
     use analysis::{
@@ -120,11 +120,11 @@ mod tests {
                 variance: [PhasorVariance::circular(1.0e-12); 4],
             },
             volts_per_div: [1.0; 4],
-            free_freq_hz: 1.0,
+            free_freq_hz: Hertz(1.0),
             residual_lag1: 0.0,
             harmonics_and_drift: HarmonicsAndDrift::default(),
             warnings: Vec::new(),
-            time_s: 0.0,
+            time_s: Seconds(0.0),
             captures: 1,
             rechecked: 0,
             spent: Spent::default(),

@@ -43,15 +43,20 @@ pub(super) fn rows(
     };
     let idle: Vec<_> = lines.iter().filter_map(idle).collect();
     let mut rows = vec![("date".to_owned(), date)];
-    if let Some(text) = range(idle.iter().filter_map(|idle| idle.voltage_v), 4, "V") {
+    if let Some(text) = range(
+        idle.iter().filter_map(|idle| Some(idle.voltage_v?.value())),
+        4,
+        "V",
+    ) {
         rows.push(("cell at rest before its records".to_owned(), text));
     }
     let held = experiment.temperature.as_ref().map_or_else(
         || "not held".to_owned(),
-        |held| format!("held at {} °C", held.setpoint_degc),
+        |held| format!("held at {} °C", held.setpoint_degc.0),
     );
     let measured = range(
-        idle.iter().filter_map(|idle| idle.temperature_degc),
+        idle.iter()
+            .filter_map(|idle| Some(idle.temperature_degc?.value())),
         2,
         "°C",
     );

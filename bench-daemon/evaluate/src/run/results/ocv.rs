@@ -13,6 +13,8 @@ use analysis::{
 };
 use serde::Serialize;
 
+use instruments::units::Ohms;
+
 use crate::{
     figures::ocv::{picture, write as write_curve},
     support::present::significant,
@@ -83,7 +85,7 @@ pub(super) fn write(
         .retain(|warning| !(warning.starts_with("the discharge began") && reach.above > 0.0));
     found
         .warnings
-        .extend(ocv.dcir_ohm.and_then(|ohm| contradicted(ohm, &down)));
+        .extend(ocv.dcir_ohm.and_then(|ohm| contradicted(ohm.0, &down)));
     let points: Vec<(f64, f64)> = compensated(&down.steady, &options)
         .map_err(failed)?
         .into_iter()
@@ -148,8 +150,8 @@ fn options(
     let measured = down.resistance_ohm().map(|(ohm, _)| ohm);
     let limits = &experiment.cell.limits;
     Ok(OcvOptions {
-        dcir_ohm: ocv.dcir_ohm.or(measured).ok_or_else(missing)?,
-        limits_v: (limits.min_v, limits.max_v),
+        dcir_ohm: (ocv.dcir_ohm.or(measured.map(Ohms)).ok_or_else(missing)?).0,
+        limits_v: (limits.min_v.0, limits.max_v.0),
         ..OcvOptions::default()
     })
 }

@@ -36,7 +36,7 @@ pub(super) fn write(
         return Ok(None);
     }
     let start_soc = start_soc(experiment, runs[0]);
-    let capacity_coulomb = experiment.cell.capacity_coulomb;
+    let capacity_coulomb = experiment.cell.capacity_coulomb.value();
     let soc = |charge_coulomb: f64| start_soc.map(|soc| soc + charge_coulomb / capacity_coulomb);
     recorder.text(OPERANDO, &table(&runs, soc))?;
     let picture = picture(&runs, soc);

@@ -1,14 +1,13 @@
 //! Linearity and drift of the cell from its records, point by point.
 
+use crate::support::present::significant;
 use analysis::{
     report::Table,
     spectrum::{ImpedancePoint, raw_impedance},
     validity::{Drift, DriftShape, Harmonic, Record, beyond_noise},
 };
-use num_complex::Complex64;
-
-use crate::support::present::significant;
 use bench_plan::measure::SweepPoint;
+use num_complex::Complex64;
 
 /// Number of standard deviations below which a bend counts as noise.
 const SIGNIFICANT: f64 = 4.0;
@@ -144,6 +143,7 @@ mod tests {
     use analysis::spectrum::{ChannelPhasors, PhasorVariance};
     use bench_plan::measure::{Bend, HarmonicsAndDrift};
     use instruments::fixture::Fixture;
+    use instruments::units::{Hertz, Seconds};
 
     const SHUNT_OHM: f64 = 0.01;
 
@@ -167,11 +167,11 @@ mod tests {
             index,
             phasors: phasors(freq_hz, 1.0, r_ohm.into()),
             volts_per_div: [1.0; 4],
-            free_freq_hz: freq_hz,
+            free_freq_hz: Hertz(freq_hz),
             residual_lag1: 0.0,
             harmonics_and_drift: HarmonicsAndDrift::default(),
             warnings: Vec::new(),
-            time_s: 0.0,
+            time_s: Seconds(0.0),
             captures: 1,
             rechecked: 0,
             spent: bench_plan::measure::Spent::default(),

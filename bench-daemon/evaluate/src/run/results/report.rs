@@ -418,7 +418,7 @@ fn controls_plot(experiment: &Experiment, measured: &Measured) -> NyquistPlot {
 }
 
 fn amplitude_a(experiment: &Experiment) -> f64 {
-    experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a)
+    experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a.0)
 }
 
 /// Returns the verdicts on controls, linearity and multisines.

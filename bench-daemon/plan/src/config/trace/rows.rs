@@ -3,6 +3,8 @@
 use analysis_files::formats::{ReadOptions, first_bare_row, parse_profile};
 use analysis_forward::forward::{Demand, Interpolation};
 
+use instruments::units::{Amps, Seconds, Volts, Watts};
+
 use super::{
     super::{ConfigError, Source, check::Check, raw},
     Segment,
@@ -16,16 +18,16 @@ pub(super) struct Row {
     /// It is a power.
     pub(super) power: bool,
     /// How long, s.
-    pub(super) duration_s: f64,
+    pub(super) duration_s: Seconds,
 }
 
 impl Row {
     /// The current that it takes at a voltage of the cell, A.
-    pub(super) fn current_a(&self, volts: f64) -> f64 {
+    pub(super) fn current_a(&self, volts: Volts) -> Amps {
         if self.power {
-            self.value / volts
+            Watts(self.value) / volts
         } else {
-            self.value
+            Amps(self.value)
         }
     }
 
@@ -45,20 +47,18 @@ impl Row {
                 if self.power { "power" } else { "current" }
             ));
         }
-        if !(duration_s > 0.0 && duration_s.is_finite()) {
-            return Err(format!(
-                "expected a duration above 0 s, found {duration_s} s"
-            ));
+        if !(duration_s > Seconds::ZERO && duration_s.is_finite()) {
+            return Err(format!("expected a duration above 0 s, found {duration_s}"));
         }
         Ok(())
     }
 
     /// A power at worst: the current that it takes at the least voltage.
-    pub(super) fn segment(&self, least_v: f64) -> Segment {
+    pub(super) fn segment(&self, least_v: Volts) -> Segment {
         Segment {
             current_a: self.current_a(least_v),
             duration_s: self.duration_s,
-            power_w: self.power.then_some(self.value),
+            power_w: self.power.then_some(Watts(self.value)),
         }
     }
 }
@@ -74,12 +74,12 @@ impl Check<'_> {
                     (Some(current), None) => Ok(Row {
                         value: current.si,
                         power: false,
-                        duration_s: raw.duration.si,
+                        duration_s: Seconds(raw.duration.si),
                     }),
                     (None, Some(power)) => Ok(Row {
                         value: power.si,
                         power: true,
-                        duration_s: raw.duration.si,
+                        duration_s: Seconds(raw.duration.si),
                     }),
                     _ => Err(self.complain(
                         &field("segments"),
@@ -133,7 +133,7 @@ impl Check<'_> {
 
     /// Each amplitude out of the cell and into it, with a relaxation behind either.
     pub(super) fn pulses(&self, field: &str, raw: &raw::Pulses) -> Result<Vec<Row>, ConfigError> {
-        let row = |value: f64, duration_s: f64| Row {
+        let row = |value: f64, duration_s: Seconds| Row {
             value,
             power: false,
             duration_s,
@@ -147,7 +147,10 @@ impl Check<'_> {
                 "A",
             )?;
             for current_a in [-amps, amps] {
-                rows.extend([row(current_a, raw.duration.si), row(0.0, raw.relaxation.si)]);
+                rows.extend([
+                    row(current_a, Seconds(raw.duration.si)),
+                    row(0.0, Seconds(raw.relaxation.si)),
+                ]);
             }
         }
         Ok(rows)
@@ -198,7 +201,7 @@ fn table(source: &Source) -> Result<Vec<Row>, ConfigError> {
         let row = Row {
             value,
             power: header == 1,
-            duration_s,
+            duration_s: Seconds(duration_s),
         };
         row.judge()
             .map_err(|reason| complain(line, reason))
@@ -241,7 +244,7 @@ fn profile(source: &Source) -> Result<Vec<Row>, String> {
         .map(|(pair, value)| Row {
             value: 0.0 - value,
             power,
-            duration_s: pair[1] - pair[0],
+            duration_s: Seconds(pair[1] - pair[0]),
         })
         .collect())
 }

@@ -3,7 +3,12 @@
 
 use std::ops::RangeInclusive;
 
-use instruments::{generator, instrument::by_key, load, scope, supply, units::Seconds};
+use instruments::{
+    generator,
+    instrument::by_key,
+    load, scope, supply,
+    units::{Amps, Seconds, Volts},
+};
 
 use super::{
     super::{ConfigError, check::Check, raw},
@@ -12,18 +17,18 @@ use super::{
 use crate::plan::{LONGEST_FRAME_S, Through};
 
 /// Shortest row of the bipolar supply, s: a step must be found in the record before the next comes.
-const SHORTEST_BIPOLAR_S: f64 = 0.5;
+const SHORTEST_BIPOLAR_S: Seconds = Seconds(0.5);
 /// Shortest row of load and supply, s: their meters are read every second.
-const SHORTEST_METERED_S: f64 = 1.0;
+const SHORTEST_METERED_S: Seconds = Seconds(1.0);
 /// Shortest step of a wave, s: the supply settles within a quarter of it.
-const SHORTEST_WAVE_S: f64 = 1.0e-3;
+const SHORTEST_WAVE_S: Seconds = Seconds(1.0e-3);
 /// Longest row, s.
-const LONGEST_S: f64 = 86_400.0;
+const LONGEST_S: Seconds = Seconds(86_400.0);
 /// Minimum time without current after a wave, s: the wave is removed within it, before it
 /// repeats.
-const TAIL_S: f64 = 4.0;
+const TAIL_S: Seconds = Seconds(4.0);
 /// Time for which the scope records after a wave, s.
-pub const AFTER_WAVE_S: f64 = 1.0;
+pub const AFTER_WAVE_S: Seconds = Seconds(1.0);
 /// Times of rows are differences of rounded ones: a nanosecond is none.
 const GRID_PER_S: f64 = 1.0e9;
 /// A row may be off whole steps by this share of one.
@@ -92,37 +97,39 @@ impl Check<'_> {
         let step_s = (rows
             .iter()
             .map(|row| row.duration_s)
-            .fold(f64::INFINITY, f64::min)
+            .fold(Seconds::INFINITY, Seconds::min)
+            .value()
             * GRID_PER_S)
             .round()
             / GRID_PER_S;
+        let step_s = Seconds(step_s);
         for (index, row) in rows.iter().enumerate() {
             let steps = row.duration_s / step_s;
             if (steps - steps.round()).abs() > WHOLE {
                 let found = row.duration_s;
                 return Err(format!(
-                    "row {}: expected a multiple of the shortest row, {step_s} s, found {found} s; \
+                    "row {}: expected a multiple of the shortest row, {step_s}, found {found}; \
                     `step` averages",
                     index + 1
                 ));
             }
         }
-        let length_s = BEFORE_S + rows.iter().map(|row| row.duration_s).sum::<f64>();
+        let length_s = BEFORE_S + rows.iter().map(|row| row.duration_s).sum::<Seconds>();
         let steps = ((length_s + TAIL_S) / step_s).ceil() as usize;
         let steps = steps.checked_next_power_of_two().unwrap_or(usize::MAX);
         if steps > most {
-            let least_ms = (length_s + TAIL_S) / most as f64 * 1.0e3;
+            let least_ms = (length_s + TAIL_S).value() / most as f64 * 1.0e3;
             return Err(format!(
                 "expected at most {most} steps, which is what {generator} holds, found {steps} of \
                 {} ms; `step` of {least_ms:.1} ms or more averages",
-                1.0e3 * step_s
+                1.0e3 * step_s.value()
             ));
         }
         let screen_s = self.screen_s(length_s + AFTER_WAVE_S);
         if screen_s > LONGEST_FRAME_S {
             return Err(format!(
-                "expected a trace that a frame of {LONGEST_FRAME_S} s can hold, found one of \
-                {screen_s} s"
+                "expected a trace that a frame of {LONGEST_FRAME_S} can hold, found one of \
+                {screen_s}"
             ));
         }
         Ok(Through::Wave { step_s, steps })
@@ -147,11 +154,11 @@ impl Check<'_> {
         self.each(rows, SHORTEST_METERED_S, "load and supply", |row| {
             if let (true, Some((load, can))) = (row.value < 0.0, &draws) {
                 let what = format!("the load {}", load.model);
-                within(row, least_v, -can.max_current.value()..=0.0, &what)?;
+                within(row, least_v, -can.max_current..=Amps::ZERO, &what)?;
                 let asked_w = if row.power {
                     row.value
                 } else {
-                    row.value * self.cell.limits.max_v
+                    row.value * self.cell.limits.max_v.value()
                 };
                 if -asked_w > can.max_power_w {
                     return Err(format!(
@@ -164,7 +171,7 @@ impl Check<'_> {
                 within(
                     row,
                     least_v,
-                    0.0..=can.max_current.value(),
+                    Amps::ZERO..=can.max_current,
                     &format!("the supply {}", supply.model),
                 )?;
             }
@@ -177,7 +184,7 @@ impl Check<'_> {
     fn each(
         &self,
         rows: &[Row],
-        shortest_s: f64,
+        shortest_s: Seconds,
         what: &str,
         judge: impl Fn(&Row) -> Result<(), String>,
     ) -> Result<(), String> {
@@ -186,8 +193,8 @@ impl Check<'_> {
             if !(shortest_s * (1.0 - WHOLE)..=LONGEST_S).contains(&row.duration_s) {
                 let found = row.duration_s;
                 let reason = format!(
-                    "expected {shortest_s} s to {LONGEST_S} s, which {what} can play, found \
-                    {found} s"
+                    "expected {shortest_s} to {LONGEST_S}, which {what} can play, found \
+                    {found}"
                 );
                 let help = match found {
                     _ if found >= shortest_s => "",
@@ -212,7 +219,7 @@ impl Check<'_> {
 
     /// Returns the largest current that the bipolar supply and its generator can drive, A. The
     /// load contains the voltmeter that measures the voltage at rest.
-    pub(in crate::config) fn driven_a(&self) -> Result<(f64, String), String> {
+    pub(in crate::config) fn driven_a(&self) -> Result<(Amps, String), String> {
         let instruments = &self.bench.instruments;
         if self.bench.wiring.analog.is_some() {
             return Err(
@@ -228,13 +235,13 @@ impl Check<'_> {
         let generator = instruments.generator.as_ref();
         let can = self.bench.bipolar();
         let peak_v = generator.and_then(|generator| by_key(generator::DIALECTS, &generator.model));
-        let peak_v = peak_v.map_or(0.0, |dialect| dialect.capabilities().max_peak.value());
-        let greatest_a = can.map_or(0.0, |can| {
+        let peak_v = peak_v.map_or(Volts::ZERO, |dialect| dialect.capabilities().max_peak);
+        let greatest_a = can.map_or(Amps::ZERO, |can| {
             let amps_per_volt = can.full_scale.value() / can.analog_full_scale.value();
             let headroom_v = peak_v - self.bench.wiring.command_offset_v.abs();
-            can.full_scale
-                .value()
-                .min(amps_per_volt * headroom_v / self.bench.wiring.command_trim)
+            can.full_scale.min(Amps(
+                amps_per_volt * headroom_v.value() / self.bench.wiring.command_trim,
+            ))
         });
         Ok((
             greatest_a,
@@ -246,7 +253,7 @@ impl Check<'_> {
     }
 
     /// The time that the scope's screen spans when it is to hold at least a given span, s.
-    fn screen_s(&self, span_s: f64) -> f64 {
+    fn screen_s(&self, span_s: Seconds) -> Seconds {
         let scope = self
             .bench
             .instruments
@@ -255,24 +262,29 @@ impl Check<'_> {
             .and_then(|scope| by_key(scope::DIALECTS, &scope.model));
         scope.map_or(span_s, |scope| {
             let capabilities = scope.capabilities();
-            capabilities.time_per_div(Seconds(span_s)).value() * capabilities.horizontal_div
+            capabilities.time_per_div(span_s) * capabilities.horizontal_div
         })
     }
 }
 
 /// The current of a row, of a power at the least voltage of the cell.
-fn within(row: &Row, least_v: f64, range_a: RangeInclusive<f64>, what: &str) -> Result<(), String> {
-    let (least_a, greatest_a) = range_a.into_inner();
+fn within(
+    row: &Row,
+    least_v: Volts,
+    range_a: RangeInclusive<Amps>,
+    what: &str,
+) -> Result<(), String> {
     let amps = row.current_a(least_v);
-    if (least_a..=greatest_a).contains(&amps) {
+    if range_a.contains(&amps) {
         return Ok(());
     }
     let found = if row.power {
-        format!("{} W, {amps:.3} A at {least_v} V", row.value)
+        format!("{} W, {amps:.3} at {least_v}", row.value)
     } else {
-        format!("{amps} A")
+        format!("{amps}")
     };
+    let (least_a, greatest_a) = range_a.into_inner();
     Err(format!(
-        "expected {least_a} A to {greatest_a} A, which {what} can drive, found {found}"
+        "expected {least_a} to {greatest_a}, which {what} can drive, found {found}"
     ))
 }

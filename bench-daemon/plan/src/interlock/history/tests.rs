@@ -1,26 +1,28 @@
+use instruments::units::{Amps, Celsius, Coulombs, KelvinsPerSecond, Seconds, Volts};
+
 use super::*;
 
 const LIMITS: Limits = Limits {
-    min_v: 2.5,
-    max_v: 4.2,
-    charge_a: 13.5,
-    discharge_a: 45.0,
-    min_degc: 0.0,
-    max_degc: 60.0,
+    min_v: Volts(2.5),
+    max_v: Volts(4.2),
+    charge_a: Amps(13.5),
+    discharge_a: Amps(45.0),
+    min_degc: Celsius(0.0),
+    max_degc: Celsius(60.0),
 };
 const SETTINGS: Settings = Settings {
-    rate_k_per_s: 5.0 / 60.0,
-    window_s: 60.0,
-    charge_coulomb: 1000.0,
-    drift_coulomb: 100.0,
-    reading_age_s: 15.0,
-    temperature_age_s: 60.0,
-    frozen_coulomb: 50.0,
-    frozen_s: 30.0,
-    capacity_coulomb: 5000.0,
+    rate_k_per_s: KelvinsPerSecond(5.0 / 60.0),
+    window_s: Seconds(60.0),
+    charge_coulomb: Coulombs(1000.0),
+    drift_coulomb: Coulombs(100.0),
+    reading_age_s: Seconds(15.0),
+    temperature_age_s: Seconds(60.0),
+    frozen_coulomb: Coulombs(50.0),
+    frozen_s: Seconds(30.0),
+    capacity_coulomb: Coulombs(5000.0),
 };
 
-fn live(charge_coulomb: (f64, f64)) -> Interlock {
+fn live(charge_coulomb: (Coulombs, Coulombs)) -> Interlock {
     let mut interlock = Interlock::new(SETTINGS, LIMITS, true);
     interlock.begin(
         Allowance {
@@ -28,7 +30,7 @@ fn live(charge_coulomb: (f64, f64)) -> Interlock {
             charge_coulomb,
             ..Allowance::idle(LIMITS)
         },
-        0.0,
+        Seconds(0.0),
     );
     interlock
 }
@@ -40,7 +42,7 @@ fn play(
 ) -> Option<(String, f64)> {
     readings.into_iter().find_map(|reading| {
         let trip = interlock.judge(&reading, reading.time_s)?;
-        Some((trip.to_string(), reading.time_s))
+        Some((trip.to_string(), reading.time_s.value()))
     })
 }
 
@@ -52,15 +54,15 @@ fn course(
     (1..=seconds).map(f64::from).map(move |time_s| {
         let (volts, amps, temperature_degc) = of(time_s);
         Reading {
-            time_s,
-            voltage_v: Some(volts),
-            current_a: Some(amps),
-            temperature_degc,
+            time_s: Seconds(time_s),
+            voltage_v: Some(Volts(volts)),
+            current_a: Some(Amps(amps)),
+            temperature_degc: temperature_degc.map(Celsius),
         }
     })
 }
 
-const FREE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
+const FREE: (Coulombs, Coulombs) = (Coulombs::NEG_INFINITY, Coulombs::INFINITY);
 
 /// Voltage, current and temperature over time.
 type Course = Box<dyn Fn(f64) -> (f64, f64, Option<f64>)>;
@@ -68,7 +70,13 @@ type Course = Box<dyn Fn(f64) -> (f64, f64, Option<f64>)>;
 #[test]
 fn a_sound_discharge_trips_nothing_and_each_fault_trips_its_own() {
     let sound = |t: f64| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 + 0.02 * t));
-    assert_eq!(play(&mut live((-1000.0, 10.0)), course(180, sound)), None);
+    assert_eq!(
+        play(
+            &mut live((Coulombs(-1000.0), Coulombs(10.0))),
+            course(180, sound)
+        ),
+        None
+    );
     let cases: [(&str, Course, f64); 7] = [
         (
             "net charge of the step -1002",
@@ -107,7 +115,10 @@ fn a_sound_discharge_trips_nothing_and_each_fault_trips_its_own() {
         ),
     ];
     for (text, of, at_s) in cases {
-        let tripped = play(&mut live((-1000.0, 10.0)), course(300, of));
+        let tripped = play(
+            &mut live((Coulombs(-1000.0), Coulombs(10.0))),
+            course(300, of),
+        );
         assert!(
             tripped
                 .as_ref()
@@ -121,14 +132,14 @@ fn a_sound_discharge_trips_nothing_and_each_fault_trips_its_own() {
 fn a_reading_that_comes_late_trips_only_while_current_may_flow() {
     let reading = |time_s| Reading {
         time_s,
-        voltage_v: Some(3.7),
-        temperature_degc: Some(25.0),
+        voltage_v: Some(Volts(3.7)),
+        temperature_degc: Some(Celsius(25.0)),
         ..Reading::default()
     };
     let mut interlock = live(FREE);
-    assert_eq!(interlock.judge(&reading(1.0), 1.0), None);
+    assert_eq!(interlock.judge(&reading(Seconds(1.0)), Seconds(1.0)), None);
     let trip = interlock
-        .judge(&reading(20.0), 20.0)
+        .judge(&reading(Seconds(20.0)), Seconds(20.0))
         .map(|trip| trip.to_string())
         .unwrap_or_default();
     assert!(
@@ -136,11 +147,11 @@ fn a_reading_that_comes_late_trips_only_while_current_may_flow() {
         "{trip}"
     );
     let mut resting = Interlock::new(SETTINGS, LIMITS, true);
-    resting.begin(Allowance::idle(LIMITS), 0.0);
+    resting.begin(Allowance::idle(LIMITS), Seconds(0.0));
     assert_eq!(
         (
-            resting.judge(&reading(1.0), 1.0),
-            resting.judge(&reading(500.0), 500.0)
+            resting.judge(&reading(Seconds(1.0)), Seconds(1.0)),
+            resting.judge(&reading(Seconds(500.0)), Seconds(500.0))
         ),
         (None, None)
     );
@@ -151,10 +162,17 @@ fn a_reading_that_comes_late_trips_only_while_current_may_flow() {
             live: true,
             ..Allowance::idle(LIMITS)
         },
-        900.0,
+        Seconds(900.0),
     );
-    assert_eq!(resting.judge(&reading(901.0), 901.0), None);
-    assert!(resting.judge(&reading(950.0), 950.0).is_some());
+    assert_eq!(
+        resting.judge(&reading(Seconds(901.0)), Seconds(901.0)),
+        None
+    );
+    assert!(
+        resting
+            .judge(&reading(Seconds(950.0)), Seconds(950.0))
+            .is_some()
+    );
 }
 
 #[test]
@@ -166,7 +184,7 @@ fn a_bench_without_a_logger_is_not_asked_for_a_temperature() {
             charge_coulomb: FREE,
             ..Allowance::idle(LIMITS)
         },
-        0.0,
+        Seconds(0.0),
     );
     assert_eq!(
         play(
@@ -182,10 +200,10 @@ fn a_supply_that_holds_the_voltage_may_hold_it_and_a_step_that_goes_on_counts_on
     let mut interlock = Interlock::new(SETTINGS, LIMITS, false);
     let holding = Allowance {
         live: true,
-        held_v: 4.1,
+        held_v: Volts(4.1),
         ..Allowance::idle(LIMITS)
     };
-    interlock.begin(holding, 0.0);
+    interlock.begin(holding, Seconds(0.0));
     assert_eq!(
         play(&mut interlock, course(200, |_| (4.15, 3.0, None))),
         None
@@ -193,37 +211,37 @@ fn a_supply_that_holds_the_voltage_may_hold_it_and_a_step_that_goes_on_counts_on
     interlock.begin(
         Allowance {
             continues: true,
-            charge_coulomb: (-10.0, 590.0),
-            held_v: 0.0,
+            charge_coulomb: (Coulombs(-10.0), Coulombs(590.0)),
+            held_v: Volts(0.0),
             ..holding
         },
-        200.0,
+        Seconds(200.0),
     );
     let reading = Reading {
-        time_s: 201.0,
-        voltage_v: Some(4.15),
-        current_a: Some(3.0),
+        time_s: Seconds(201.0),
+        voltage_v: Some(Volts(4.15)),
+        current_a: Some(Amps(3.0)),
         ..Reading::default()
     };
     assert!(
         interlock
-            .judge(&reading, 201.0)
+            .judge(&reading, Seconds(201.0))
             .is_some_and(|trip| trip.to_string().starts_with("net charge of the step 600"))
     );
 }
 
 #[test]
 fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_rest_does_not() {
-    let swinging = |period_s| {
+    let swinging = |period_s: Option<f64>| {
         let mut interlock = Interlock::new(SETTINGS, LIMITS, false);
         interlock.begin(
             Allowance {
                 live: true,
                 charge_coulomb: FREE,
-                swing_s: period_s,
+                swing_s: period_s.map(Seconds),
                 ..Allowance::idle(LIMITS)
             },
-            0.0,
+            Seconds(0.0),
         );
         interlock
     };
@@ -289,16 +307,16 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
             continues: true,
             ..Allowance {
                 live: true,
-                swing_s: Some(10.0),
+                swing_s: Some(Seconds(10.0)),
                 ..Allowance::idle(LIMITS)
             }
         },
-        100.0,
+        Seconds(100.0),
     );
     let later = (101..=300).map(f64::from).map(|t| Reading {
-        time_s: t,
-        voltage_v: Some(volts(t)),
-        current_a: Some(amps(t)),
+        time_s: Seconds(t),
+        voltage_v: Some(Volts(volts(t))),
+        current_a: Some(Amps(amps(t))),
         ..Reading::default()
     });
     assert_eq!(play(&mut interlock, later), None);
@@ -307,11 +325,11 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
     copper.begin(
         Allowance {
             live: true,
-            swing_s: Some(10.0),
+            swing_s: Some(Seconds(10.0)),
             cell: false,
             ..Allowance::idle(LIMITS.of_control())
         },
-        0.0,
+        Seconds(0.0),
     );
     assert_eq!(
         play(&mut copper, course(100, move |t| (0.0, amps(t), None))),
@@ -323,8 +341,8 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
 fn a_gap_in_the_temperatures_trips_even_when_it_ends() {
     let mut interlock = live(FREE);
     let reading = |time_s: f64, temperature_degc| Reading {
-        time_s,
-        voltage_v: Some(3.8 - 1.0e-4 * time_s),
+        time_s: Seconds(time_s),
+        voltage_v: Some(Volts(3.8 - 1.0e-4 * time_s)),
         temperature_degc,
         ..Reading::default()
     };
@@ -332,13 +350,13 @@ fn a_gap_in_the_temperatures_trips_even_when_it_ends() {
         assert_eq!(
             interlock.judge(
                 &reading(10.0 * f64::from(time_s), None),
-                10.0 * f64::from(time_s)
+                Seconds(10.0 * f64::from(time_s))
             ),
             None
         );
     }
     let trip = interlock
-        .judge(&reading(61.0, Some(25.0)), 61.0)
+        .judge(&reading(61.0, Some(Celsius(25.0))), Seconds(61.0))
         .map(|trip| trip.to_string())
         .unwrap_or_default();
     assert!(
@@ -355,7 +373,7 @@ fn a_temperature_that_is_meant_to_change_may_change() {
             tempering: true,
             ..Allowance::idle(LIMITS)
         },
-        0.0,
+        Seconds(0.0),
     );
     assert_eq!(
         play(
@@ -375,9 +393,11 @@ fn a_chiller_that_stopped_or_has_an_alarm_trips() {
         alarm: alarm.then(|| "-01 LOW LEVEL ALARM".to_owned()),
         raw: "02 REMOTE STOP".to_owned(),
     };
-    assert_eq!(interlock.chiller(&status(true, false), 7.0), None);
+    assert_eq!(interlock.chiller(&status(true, false), Seconds(7.0)), None);
     for status in [status(false, false), status(true, true)] {
-        let trip = interlock.chiller(&status, 7.0).map(|trip| trip.to_string());
+        let trip = interlock
+            .chiller(&status, Seconds(7.0))
+            .map(|trip| trip.to_string());
         assert_eq!(
             trip.as_deref(),
             Some("chiller: expected it to run without an alarm, found `02 REMOTE STOP` at 7.0 s")
@@ -390,10 +410,10 @@ fn a_chiller_that_stopped_or_has_an_alarm_trips() {
 #[test]
 fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offset_still_trips() {
     let mean = Some(Mean {
-        period_s: 10.0,
-        around_a: 0.0,
-        greatest_a: 0.2,
-        amplitude_a: Some(1.0),
+        period_s: Seconds(10.0),
+        around_a: Amps(0.0),
+        greatest_a: Amps(0.2),
+        amplitude_a: Some(Amps(1.0)),
     });
     let sine = |since_s: f64, offset_a: f64| {
         move |t: f64| {
@@ -412,7 +432,7 @@ fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offs
                 mean,
                 ..Allowance::idle(LIMITS)
             },
-            0.0,
+            Seconds(0.0),
         );
         interlock
     };
@@ -438,10 +458,10 @@ fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offs
 #[test]
 fn a_sine_about_a_direct_current_has_its_mean_and_its_charge_there() {
     let mean = Some(Mean {
-        period_s: 10.0,
-        around_a: 5.0,
-        greatest_a: 0.2,
-        amplitude_a: Some(1.0),
+        period_s: Seconds(10.0),
+        around_a: Amps(5.0),
+        greatest_a: Amps(0.2),
+        amplitude_a: Some(Amps(1.0)),
     });
     let about = |direct_a: f64| {
         move |t: f64| {
@@ -458,20 +478,23 @@ fn a_sine_about_a_direct_current_has_its_mean_and_its_charge_there() {
         interlock.begin(
             Allowance {
                 live: true,
-                charge_coulomb: (-most_coulomb, most_coulomb),
+                charge_coulomb: (Coulombs(-most_coulomb), Coulombs(most_coulomb)),
                 mean,
                 ..Allowance::idle(LIMITS)
             },
-            0.0,
+            Seconds(0.0),
         );
-        interlock.steady(steady_a);
+        interlock.steady(Amps(steady_a));
         interlock
     };
     let mut sound = begun(5.0, mean);
     assert_eq!(play(&mut sound, course(100, about(5.0))), None);
     // Only the alternating part counts.
-    let effective_a = sound.effective_a().unwrap_or(f64::NAN);
-    assert!((effective_a - 0.5_f64.sqrt()).abs() < 0.02, "{effective_a}");
+    let effective_a = sound.effective_a().unwrap_or(Amps::NAN);
+    assert!(
+        (effective_a - Amps(0.5_f64.sqrt())).abs() < Amps(0.02),
+        "{effective_a}"
+    );
     // A current that is missing or too large is found within a period.
     for direct_a in [0.0, 4.7, 5.3] {
         let tripped = play(&mut begun(5.0, mean), course(60, about(direct_a)));
@@ -494,18 +517,26 @@ fn a_sine_about_a_direct_current_has_its_mean_and_its_charge_there() {
 #[test]
 fn a_pair_of_readings_at_unsure_times_is_judged_by_what_the_times_may_do() {
     let mean = Mean {
-        period_s: 0.4,
-        around_a: 0.0,
-        greatest_a: 0.2,
-        amplitude_a: Some(1.0),
+        period_s: Seconds(0.4),
+        around_a: Amps(0.0),
+        greatest_a: Amps(0.2),
+        amplitude_a: Some(Amps(1.0)),
     };
-    assert_eq!(mean.pair_s(), Some(0.2));
+    assert_eq!(mean.pair_s(), Some(Seconds(0.2)));
     assert!(
-        mean.judge_pair(0.25, 0.0, 1.0).is_some() && mean.judge_pair(0.25, 0.02, 1.0).is_none()
+        mean.judge_pair(Amps(0.25), Seconds(0.0), Seconds(1.0))
+            .is_some()
+            && mean
+                .judge_pair(Amps(0.25), Seconds(0.02), Seconds(1.0))
+                .is_none()
     );
     // 20 ms are a twentieth of the period: the limit is 0.2 A and 1 A · sin(π/20).
     assert!(
-        mean.judge_pair(0.35, 0.02, 1.0).is_none() && mean.judge_pair(-0.37, 0.02, 1.0).is_some()
+        mean.judge_pair(Amps(0.35), Seconds(0.02), Seconds(1.0))
+            .is_none()
+            && mean
+                .judge_pair(Amps(-0.37), Seconds(0.02), Seconds(1.0))
+                .is_some()
     );
     assert_eq!(
         Mean {
@@ -518,20 +549,20 @@ fn a_pair_of_readings_at_unsure_times_is_judged_by_what_the_times_may_do() {
     // A period of 5 s is read often enough for its mean even if a reading takes half a second.
     assert!(
         Mean {
-            period_s: 5.0,
+            period_s: Seconds(5.0),
             ..mean
         }
         .poll_s()
-            + 0.5
-            < 5.0 / 4.0
+            + Seconds(0.5)
+            < Seconds(5.0 / 4.0)
     );
 }
 
 #[test]
 fn the_zero_of_an_ammeter_is_no_charge_and_more_than_a_zero_is() {
     let net = |zero_a: f64| {
-        let mut interlock = live((-100.0, 100.0));
-        interlock.zero(zero_a);
+        let mut interlock = live((Coulombs(-100.0), Coulombs(100.0)));
+        interlock.zero(Amps(zero_a));
         let moving = |t: f64| {
             (
                 3.7 + 1.0e-5 * t,

@@ -1,3 +1,5 @@
+use instruments::units::{Amps, Celsius, Coulombs, Seconds, Volts};
+
 use super::*;
 
 /// Conditions at the thermometers as a function of the time, s.
@@ -44,21 +46,21 @@ fn stepped(celsius: f64, step_k: f64) -> f64 {
 
 /// Returns the first fault, and its time, of two hours with a reading every ten seconds.
 fn first_fault(of: impl Fn(f64) -> World) -> Option<(f64, ThermometerFault)> {
-    let mut judge = ThermometerJudge::new(CAPACITY_C);
+    let mut judge = ThermometerJudge::new(Coulombs(CAPACITY_C));
     (0..7200).find_map(|second| {
         let now_s = f64::from(second);
         let world = of(now_s);
         let volts = 3.7 + 0.016 * world.amps - 1.0e-5 * now_s;
-        judge.take_power(volts, world.amps, now_s);
+        judge.take_power(Volts(volts), Amps(world.amps), Seconds(now_s));
         if second % 10 != 0 {
             return None;
         }
         let readings = ThermometerReadings {
-            cell_degc: Some(world.cell_degc),
-            air_degc: Some(world.air_degc),
-            bath_degc: world.bath_degc,
+            cell_degc: Some(Celsius(world.cell_degc)),
+            air_degc: Some(Celsius(world.air_degc)),
+            bath_degc: world.bath_degc.map(Celsius),
         };
-        Some((now_s, judge.judge(readings, true, now_s)?))
+        Some((now_s, judge.judge(readings, true, Seconds(now_s))?))
     })
 }
 
@@ -192,18 +194,21 @@ fn thermometers_that_are_frozen_or_swapped_are_named_before_the_cell_is_hot() {
 
 #[test]
 fn a_cell_beside_the_jig_is_not_judged_and_the_air_is() {
-    let mut judge = ThermometerJudge::new(CAPACITY_C);
+    let mut judge = ThermometerJudge::new(Coulombs(CAPACITY_C));
     for k in 0..200 {
         let readings = ThermometerReadings {
-            cell_degc: Some(25.037),
-            air_degc: Some(22.0 + noise(f64::from(k), 2.0)),
-            bath_degc: Some(25.0 + f64::from(k)),
+            cell_degc: Some(Celsius(25.037)),
+            air_degc: Some(Celsius(22.0 + noise(f64::from(k), 2.0))),
+            bath_degc: Some(Celsius(25.0 + f64::from(k))),
         };
-        assert_eq!(judge.judge(readings, false, 10.0 * f64::from(k)), None);
+        assert_eq!(
+            judge.judge(readings, false, Seconds(10.0 * f64::from(k))),
+            None
+        );
     }
     let hot = ThermometerReadings {
-        air_degc: Some(80.0),
+        air_degc: Some(Celsius(80.0)),
         ..ThermometerReadings::default()
     };
-    assert!(judge.judge(hot, false, 2000.0).is_some());
+    assert!(judge.judge(hot, false, Seconds(2000.0)).is_some());
 }

@@ -1,6 +1,6 @@
 //! Terms that all texts of a plan share.
 
-use instruments::fixture::Fixture;
+use instruments::{fixture::Fixture, units::Seconds};
 
 /// Returns the fixture's name in files and configuration.
 pub fn fixture_name(fixture: Fixture) -> &'static str {
@@ -12,10 +12,10 @@ pub fn fixture_name(fixture: Fixture) -> &'static str {
     }
 }
 
-pub(crate) fn minutes(seconds: f64) -> String {
-    if seconds < 120.0 {
-        format!("{seconds:.0} s")
+pub(crate) fn minutes(seconds: Seconds) -> String {
+    if seconds < Seconds(120.0) {
+        format!("{seconds:.0}")
     } else {
-        format!("{:.1} min", seconds / 60.0)
+        format!("{:.1} min", (seconds / 60.0).0)
     }
 }
