@@ -63,7 +63,7 @@ impl Unit for f64 {
 macro_rules! unit {
     ($(#[$doc:meta])* $name:ident, $symbol:literal) => {
         $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default, serde::Serialize, serde::Deserialize)]
+        #[derive(Clone, Copy, PartialEq, PartialOrd, Default, serde::Serialize, serde::Deserialize)]
         #[serde(transparent)]
         pub struct $name(pub f64);
 
@@ -123,6 +123,13 @@ macro_rules! unit {
 
             fn number(self) -> f64 {
                 self.0
+            }
+        }
+
+        /// Shows the bare number, because a run knows the stages of its plan by this text.
+        impl fmt::Debug for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                fmt::Debug::fmt(&self.0, f)
             }
         }
 
@@ -423,6 +430,12 @@ mod tests {
         );
         assert_eq!(Volts(1.0).total_cmp(&Volts::NAN), Ordering::Less);
         assert_eq!((Volts::SYMBOL, Volts::of(4.2).number()), ("V", 4.2));
+    }
+
+    #[test]
+    fn a_quantity_is_shown_with_its_unit_and_debugged_as_a_bare_number() {
+        assert_eq!(format!("{:+.2}", Amps(1.5)), "+1.50 A");
+        assert_eq!(format!("{:?}", Some(Amps(1.0))), "Some(1.0)");
     }
 
     #[test]

@@ -42,7 +42,7 @@ pub struct BathOrder {
 /// Result of reading the sensor of a bath.
 enum SensorReading {
     /// The last temperature, °C, with no fault.
-    Sound(f64),
+    Sound(Celsius),
     Wrong(BathFault),
     /// Reason why no reading was taken.
     Unread(String),
@@ -159,7 +159,7 @@ impl Bench {
             match read_sensor(bath, &clock, setpoint_degc, cell_degc).await {
                 SensorReading::Sound(sensor_degc) => BathLeft::told(format!(
                     "the bath ({model}) goes on: set to {setpoint_degc:.1}, its sensor reads \
-                {sensor_degc:.1} °C"
+                {sensor_degc:.1}"
                 )),
                 SensorReading::Wrong(fault) => stopped(bath, &fault.to_string()).await,
                 SensorReading::Unread(why) => unread(setpoint_degc, &why),
@@ -199,11 +199,11 @@ async fn read_sensor(
     let end_s = clock.now() + WATCHED_S;
     loop {
         let sensor_degc = match within(clock, bath.temperature()).await {
-            Ok(celsius) => celsius.value(),
+            Ok(celsius) => celsius,
             Err(why) => return SensorReading::Unread(why),
         };
         let reading = BathReading {
-            sensor_degc: Some(Celsius(sensor_degc)),
+            sensor_degc: Some(sensor_degc),
             setpoint_degc,
         };
         if let Some(fault) = judge.judge(reading, clock.now()) {

@@ -105,7 +105,7 @@ impl Rig<'_> {
             drawn(amplitude_a),
         ));
         let balance = Balance {
-            mean_a: mean_a,
+            mean_a,
             expected_a: self.driving.bias.met.base_a,
             greatest_a: greatest,
             first,

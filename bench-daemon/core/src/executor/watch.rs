@@ -607,6 +607,7 @@ impl Rig<'_> {
             return Ok(first);
         }
         let again = self.bench.read(drive).await?.map_err(error)?;
+        let numbers = |(volts, amps): (Volts, Amps)| (volts.value(), amps.value());
         let (first, then) = (numbers(first), numbers(again));
         tracing::info!("{}: read {first:?}, then {then:?} V and A", drive.role());
         Ok(again)
@@ -734,11 +735,6 @@ impl Rig<'_> {
             watch.settle();
         }
     }
-}
-
-/// Returns a reading as bare numbers, for a log.
-fn numbers((volts, amps): (Volts, Amps)) -> (f64, f64) {
-    (volts.value(), amps.value())
 }
 
 /// Returns the largest meter reading for a requested current, A, including gain and zero error.

@@ -58,7 +58,7 @@ impl Envelope {
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self {
-            amps: [0, 1, 2].map(|at| wider(self.amps[at], other.amps[at])),
+            amps: [0, 1, 2].map(|at| wider([self.amps[at], other.amps[at]])),
             used: Drives {
                 supply4q: self.used.supply4q || other.used.supply4q,
                 load: self.used.load || other.used.load,
@@ -67,8 +67,8 @@ impl Envelope {
             volts: self
                 .volts
                 .zip(other.volts)
-                .map(|(one, other)| wider(one, other)),
-            degc: wider(self.degc, other.degc),
+                .map(|(one, other)| wider([one, other])),
+            degc: wider([self.degc, other.degc]),
         }
     }
 
@@ -110,7 +110,7 @@ impl Envelope {
 }
 
 /// Returns a range that holds two others.
-fn wider<Q: Unit>(one: (Q, Q), other: (Q, Q)) -> (Q, Q) {
+fn wider<Q: Unit>([one, other]: [(Q, Q); 2]) -> (Q, Q) {
     (
         if other.0 < one.0 { other.0 } else { one.0 },
         if other.1 > one.1 { other.1 } else { one.1 },

@@ -80,17 +80,11 @@ impl Judge {
             drive => drive.current(),
         };
         let of = self.drive;
-        let current = limited(
-            what,
-            reading.amps,
-            allowed.amps(of),
-            present.amps(of),
-            time_s,
-        );
+        let current = limited(what, reading.amps, [allowed.amps(of), present.amps(of)], time_s);
         current.or_else(|| {
             let volts = reading.volts.filter(|_| self.reads_cell)?;
             let limits = allowed.volts()?;
-            limited("cell voltage", volts, limits, limits, time_s)
+            limited("cell voltage", volts, [limits, limits], time_s)
         })
     }
 }
@@ -99,8 +93,7 @@ impl Judge {
 fn limited<Q: Unit>(
     what: &'static str,
     value: Q,
-    allowed: (Q, Q),
-    present: (Q, Q),
+    [allowed, present]: [(Q, Q); 2],
     time_s: Seconds,
 ) -> Option<Trip> {
     let present = present.0..=present.1;

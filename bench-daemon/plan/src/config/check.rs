@@ -449,7 +449,7 @@ impl Check<'_> {
                 )
             })?,
             freqs_hz,
-            amplitude_a: amplitude_a,
+            amplitude_a,
             periods: self.within("eis.periods", raw.periods, 2.0..=10_000.0, "periods")?,
             extra_wait_s: Seconds(self.within(
                 "eis.extra_wait",

@@ -284,10 +284,10 @@ impl Check<'_> {
         let settle_s = self.within("multisine.bands.settle", raw.settle.si, 0.0..=3600.0, "s")?;
         let steps = (steps, most_steps.min(GREATEST_STEPS).max(steps));
         Ok(Band {
-            base_hz: base_hz,
+            base_hz,
             range_hz: (start_hz, stop_hz),
             lines: raw.lines,
-            span_s: span_s,
+            span_s,
             settle_s: Seconds(settle_s),
             steps,
             followed_hz: driven_hz,

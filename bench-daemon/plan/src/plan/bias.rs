@@ -115,7 +115,7 @@ impl Bias {
             return Err(format!(
                 "expected a swing of the cell's voltage of at most {window_v:.3} ({} to {}), \
                 found {swing_v:.3} by resistance and charge at worst",
-                limits.min_v.0, limits.max_v.0
+                limits.min_v, limits.max_v
             ));
         }
         Ok(())
