@@ -80,7 +80,12 @@ impl Judge {
             drive => drive.current(),
         };
         let of = self.drive;
-        let current = limited(what, reading.amps, [allowed.amps(of), present.amps(of)], time_s);
+        let current = limited(
+            what,
+            reading.amps,
+            [allowed.amps(of), present.amps(of)],
+            time_s,
+        );
         current.or_else(|| {
             let volts = reading.volts.filter(|_| self.reads_cell)?;
             let limits = allowed.volts()?;
