@@ -79,7 +79,7 @@ impl MapProcedure {
             repeat: number,
             point: Some(MapPoint {
                 soc: place.soc,
-                temperature_degc: place.temperature_degc,
+                temperature_degc: Celsius(place.temperature_degc),
                 below_full_coulomb: (1.0 - place.soc) * self.capacity_coulomb,
                 within_coulomb: AT_POINT * self.capacity_coulomb,
             }),

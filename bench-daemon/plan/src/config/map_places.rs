@@ -6,14 +6,15 @@ use super::{
     raw_map::{Point, Raw, Signal},
 };
 use crate::plan::percent;
+use instruments::units::{Celsius, Ohms};
 
 /// A temperature of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapTemperature {
     /// Temperature, °C.
-    pub degc: f64,
+    pub degc: Celsius,
     /// Highest resistance of the cell, leads included, Ω.
-    pub resistance_ohm: f64,
+    pub resistance_ohm: Ohms,
 }
 
 /// A point of a map, and what is measured there.
@@ -61,7 +62,7 @@ impl Check<'_> {
                 let found: Vec<f64> = soc.iter().map(|soc| soc.si).collect();
                 let socs = self.map_socs(&found)?;
                 let at = |at: &MapTemperature| {
-                    let temperature_degc = at.degc;
+                    let temperature_degc = at.degc.value();
                     socs.iter().map(move |soc| MapPlace {
                         soc: *soc,
                         temperature_degc,
@@ -151,8 +152,14 @@ impl Check<'_> {
         let field = |name: &str| format!("map.points.{number}.{name}");
         let soc = self.within(&field("soc"), point.soc.si, 0.01..=0.99, "(share)")?;
         let temperature_degc = point.temperature.si;
-        if !temperatures.iter().any(|at| at.degc == temperature_degc) {
-            let known: Vec<String> = temperatures.iter().map(|at| at.degc.to_string()).collect();
+        if !temperatures
+            .iter()
+            .any(|at| at.degc.value() == temperature_degc)
+        {
+            let known: Vec<String> = temperatures
+                .iter()
+                .map(|at| at.degc.value().to_string())
+                .collect();
             let reason = format!(
                 "expected one of the temperatures of [map] ({} °C), which have a resistance_max, found \
                 {temperature_degc} °C",

@@ -4,7 +4,7 @@
 
 use instruments::{
     fixture::Fixture,
-    units::{Amps, Coulombs, Seconds, Volts},
+    units::{Amps, Celsius, Coulombs, Seconds, Volts},
 };
 
 use super::{power::Power, temperature, trace};
@@ -35,7 +35,8 @@ impl Mapped<'_> {
     pub(super) fn approach(&self, run: &CampaignRun, point: &MapPoint) -> Vec<Stage> {
         let mut stages = Vec::new();
         let before = self.map.place(run.number - 1);
-        let first = before.is_none_or(|place| place.temperature_degc != point.temperature_degc);
+        let first =
+            before.is_none_or(|place| Celsius(place.temperature_degc) != point.temperature_degc);
         if first {
             stages.push(temperature::stage(self.temperature));
             stages.push(self.full_charge(run.number));

@@ -160,8 +160,9 @@ impl Base {
                 }),
             }
         }
-        let from_charge_k =
-            |place: &MapPlace| (place.temperature_degc - self.temperature.setpoint_degc).abs();
+        let from_charge_k = |place: &MapPlace| {
+            (place.temperature_degc - self.temperature.setpoint_degc.value()).abs()
+        };
         places.sort_by(|a, b| {
             let by_bath = from_charge_k(a).total_cmp(&from_charge_k(b));
             let by_degc = b.temperature_degc.total_cmp(&a.temperature_degc);

@@ -7,6 +7,7 @@ use bench_plan::{
     plan::{MapPoint, Plan, Purpose, Stage, Step, TracePlan, percent},
     procedure,
 };
+use instruments::units::Seconds;
 
 use super::base::Base;
 
@@ -32,13 +33,13 @@ impl Offers {
                 offers: Vec::new(),
                 rest_min: 0.0,
                 temperature_min: 0.0,
-                travel_a: map.legs.discharge_a,
+                travel_a: map.legs.discharge_a.value(),
             },
             notes: Vec::new(),
         };
         for at in &map.temperatures {
             for soc in socs(base) {
-                offers.add(base, soc, at.degc);
+                offers.add(base, soc, at.degc.value());
             }
         }
         if offers.choices.offers.is_empty() {
@@ -89,7 +90,8 @@ impl Offers {
                 (Purpose::MapPoint, _) => {
                     let rests = stage.steps.iter();
                     let rests = rests.filter(|step| matches!(step, Step::Rest { .. }));
-                    self.choices.rest_min = rests.map(Step::expected_s).sum::<f64>() / 60.0;
+                    self.choices.rest_min =
+                        rests.map(Step::expected_s).sum::<Seconds>() / Seconds(60.0);
                 }
                 (_, Some(point)) => self.choices.offers.extend(offer(stage, &point)),
                 (_, None) => {}
@@ -122,7 +124,12 @@ fn planned(base: &Base, place: &MapPlace) -> Result<Plan, String> {
 }
 
 fn expected_s(stage: &Stage) -> f64 {
-    stage.steps.iter().map(Step::expected_s).sum()
+    stage
+        .steps
+        .iter()
+        .map(Step::expected_s)
+        .sum::<Seconds>()
+        .value()
 }
 
 /// What a stage measures at a point.
@@ -131,10 +138,10 @@ fn offer(stage: &Stage, point: &MapPoint) -> Option<Offer> {
     let mut parts = Vec::new();
     for step in &stage.steps {
         match step {
-            Step::Sine { freq_hz, .. } => freqs_hz.push(*freq_hz),
+            Step::Sine { freq_hz, .. } => freqs_hz.push(freq_hz.value()),
             Step::Multisine(band) => {
                 let lines = band.design.harmonics.iter();
-                freqs_hz.extend(lines.map(|line| *line as f64 * band.base_hz));
+                freqs_hz.extend(lines.map(|line| *line as f64 * band.base_hz.value()));
             }
             Step::Trace(trace) => parts.extend(parts_of(trace)),
             _ => {}
@@ -147,7 +154,7 @@ fn offer(stage: &Stage, point: &MapPoint) -> Option<Offer> {
     };
     Some(Offer {
         soc: point.soc,
-        temperature_degc: point.temperature_degc,
+        temperature_degc: point.temperature_degc.value(),
         signal,
         minutes: expected_s(stage) / 60.0,
     })
@@ -162,7 +169,7 @@ fn parts_of(trace: &TracePlan) -> impl Iterator<Item = PulsePart> {
         .iter()
         .zip(ends_s)
         .map(|(level, end_s)| PulsePart {
-            current_a: 0.0 - level.current_a,
-            duration_s: end_s - level.at_s,
+            current_a: 0.0 - level.current_a.value(),
+            duration_s: (end_s - level.at_s).value(),
         })
 }

@@ -18,6 +18,7 @@ use bench_plan::{
     procedure,
     support::terminal::remark,
 };
+use instruments::units::{Coulombs, Seconds};
 
 use super::{
     map_result::{MapEnd, MapInvestigation, Round},
@@ -124,7 +125,7 @@ pub fn investigate_map(
 /// Time that the plan of an experiment expects, min.
 fn expected_minutes(experiment: &Experiment) -> Result<f64, Failure> {
     let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
-    Ok(plan.plan().expected_s() / 60.0)
+    Ok(plan.plan().expected_s() / Seconds(60.0))
 }
 
 /// What was measured so far.
@@ -219,7 +220,7 @@ impl MapQuestion<'_> {
             .map()
             .temperatures
             .iter()
-            .map(|at| at.degc)
+            .map(|at| at.degc.value())
             .collect();
         let degc = if demands.at_degc.is_empty() {
             &of_base
@@ -278,10 +279,13 @@ impl MapQuestion<'_> {
             // The correction of the first run stays.
             experiment.fixture_check = None;
             let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
-            let (extent, minutes) = (plan.plan().extent(), plan.plan().expected_s() / 60.0);
+            let (extent, minutes) = (
+                plan.plan().extent(),
+                plan.plan().expected_s() / Seconds(60.0),
+            );
             let price = Budget {
                 minutes: self.goal.pace * minutes,
-                charge_ah: (extent.into_coulomb + extent.out_coulomb) / 3600.0,
+                charge_ah: (extent.into_coulomb + extent.out_coulomb) / Coulombs(3600.0),
             };
             if let Some(shortfall) = left.shortfall(price) {
                 lack = shortfall;
