@@ -11,6 +11,7 @@
 //! resistance and one of the branches, and the exchange current of the branches are found by their
 //! effect on the same cost.
 
+mod charge;
 mod choices;
 mod design;
 mod error;
@@ -30,6 +31,7 @@ mod sweep;
 mod thermal;
 mod train;
 
+pub use charge::soc_of_point;
 pub use choices::{Choices, Measurement, Offer, PulsePart, Signal};
 pub use next::{Fitted, Load, Next, NextPlan, plan_next};
 pub use options::{MapFitError, MapLog, MapOptions, MapPoint, MapSpectrum};

@@ -1,11 +1,12 @@
 //! Reads the data of a map from data sets and run folders.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use analysis::{
     diagnosis::{Fixture, Run, RunData, Start},
-    map::{MapData, MapLog, MapPoint, MapSpectrum},
+    map::{MapData, MapLog, MapPoint, MapSpectrum, soc_of_point},
     ocv::OcvCurve,
+    run_folder::{self, MAP_POINTS},
     series::{Role, TimeSeries},
 };
 use bench_core::safety::failure::Failure;
@@ -38,11 +39,15 @@ pub fn add_folder(
     if let Some(problem) = problems.first() {
         return Err(Failure::Usage(format!("{}: {problem}", path.display())));
     }
+    let points = points(path)?;
     let of_cell = |run: &&Run| matches!(&run.fixture, Fixture::Cell(name) if name == cell);
     for run in set.runs.iter().filter(of_cell) {
         let held_out = of_all == Role::HeldOut || run.is_held_out();
         let role = if held_out { Role::HeldOut } else { Role::Train };
-        let soc = soc(run, path, curve)?;
+        let soc = match counted(run, &points, curve) {
+            Some(soc) => soc,
+            None => soc(run, path, curve)?,
+        };
         match &run.data {
             RunData::Eis(sweep) if sweep.bias_a != 0.0 => {
                 remark!(
@@ -80,6 +85,26 @@ pub fn add_folder(
         }
     }
     Ok(())
+}
+
+/// The points of a run folder of `[map]`; none for other folders.
+fn points(path: &Path) -> Result<Vec<run_folder::MapPoint>, Failure> {
+    if !path.join(MAP_POINTS).is_file() {
+        return Ok(Vec::new());
+    }
+    run_folder::read_map_points(path).map_err(|error| Failure::Usage(error.to_string()))
+}
+
+/// The SOC of the point that a run belongs to.
+fn counted(run: &Run, points: &[run_folder::MapPoint], curve: &OcvCurve) -> Option<f64> {
+    let is_own = |file: &PathBuf| {
+        let name = file.file_name().and_then(|name| name.to_str());
+        name.and_then(|name| name.split('.').next()) == Some(run.name.as_str())
+    };
+    let point = points
+        .iter()
+        .find(|point| point.spectrum.iter().chain(&point.series).any(is_own))?;
+    soc_of_point(point.soc, point.ocv_v, curve)
 }
 
 /// The SOC at the start of a run.
