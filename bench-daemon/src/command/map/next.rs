@@ -102,7 +102,13 @@ fn recorded(data: &[PathBuf]) -> Result<Vec<Base>, Failure> {
 pub(super) fn plan(args: &NextArgs, wanted: &Wanted, fitted: Fitted) -> Result<NextPlan, Failure> {
     let demands = args.loads.demands();
     let of_map = || fitted.fit.map.temperature_degc.clone();
-    let of_base = |base: &Base| base.map().temperatures.iter().map(|at| at.degc.value()).collect();
+    let of_base = |base: &Base| {
+        base.map()
+            .temperatures
+            .iter()
+            .map(|at| at.degc.value())
+            .collect()
+    };
     let degc = if demands.at_degc.is_empty() {
         wanted.base.as_ref().map_or_else(of_map, of_base)
     } else {
