@@ -134,7 +134,7 @@ impl Executor<'_> {
                 self.rig.begin(fixture, step);
                 driven_s = match self.sweep.take_started(&tone) {
                     None if self.sweep.next.is_none()
-                        && !self.rig.driving.burst.ends_s.is_finite() =>
+                        && self.rig.driving.burst.ends_s.value().is_infinite() =>
                     {
                         self.rig.clock.now()
                     }

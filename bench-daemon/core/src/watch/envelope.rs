@@ -112,8 +112,8 @@ impl Envelope {
 /// Returns a range that holds two others.
 fn wider<Q: Unit>([one, other]: [(Q, Q); 2]) -> (Q, Q) {
     (
-        if other.0 < one.0 { other.0 } else { one.0 },
-        if other.1 > one.1 { other.1 } else { one.1 },
+        Q::of(one.0.number().min(other.0.number())),
+        Q::of(one.1.number().max(other.1.number())),
     )
 }
 

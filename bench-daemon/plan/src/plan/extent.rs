@@ -121,8 +121,8 @@ impl Extent {
 fn widen<Q: Unit>(range: &mut Option<(Q, Q)>, value: Q) {
     let (least, greatest) = range.unwrap_or((value, value));
     *range = Some((
-        if value < least { value } else { least },
-        if value > greatest { value } else { greatest },
+        Q::of(least.number().min(value.number())),
+        Q::of(greatest.number().max(value.number())),
     ));
 }
 
