@@ -11,7 +11,7 @@ use super::thermal::{Heat, PackThermal, ThermalNetwork};
 use super::wiring::{Cells, Left, Look, Sources, Wiring};
 use crate::forward::Demand;
 use analysis_model::{
-    map::{BranchStep, CellMap, Drive, MapBranch, MapValues},
+    map::{BranchStep, CellMap, Drive, MapValues},
     ocv::OcvCurve,
 };
 
@@ -20,8 +20,8 @@ const MOST_LOOKS: usize = 12;
 /// Change of the currents, over the largest, and of the driving voltages, V, below which the tangent
 /// of g is as good as g: its error is the square of the change.
 const SETTLED: f64 = 3e-6;
-/// Currents below it are rounding.
-const LEAST_A: f64 = 1e-6;
+/// Changes are compared with this current if all are smaller: cells at rest exchange less.
+const LEAST_A: f64 = 1e-3;
 /// Distances in state of charge and temperature, K, over which the values of the map stay. Resistances
 /// change by less than 1e-9 of themselves.
 const NEAR_SOC: f64 = 1e-10;
@@ -32,7 +32,8 @@ const NEAR_K: f64 = 1e-8;
 pub(super) struct MappedCell {
     /// Factor of the series resistance.
     pub(super) r: f64,
-    /// Factor of each branch resistance.
+    /// Factor of each branch resistance. That of a branch of charge transfer divides its exchange
+    /// current, because their product follows from the temperature alone.
     pub(super) rk: Vec<f64>,
     /// Factor of each time constant.
     pub(super) tau: Vec<f64>,
@@ -97,22 +98,19 @@ pub(super) struct MapNetwork<'a> {
     now: Look,
     /// Currents of the cells before the last iteration, A.
     guess_a: Vec<f64>,
-    /// What drives the branches of charge transfer of each cell, A.
-    bent_a: Vec<f64>,
-    /// Which branches of the map these are.
-    bends: Vec<bool>,
+    /// What drives the branches, g(i), A.
+    driven_a: Vec<f64>,
     thermal: ThermalNetwork,
     /// Mean heat of the cells over a step, W.
     heat_w: Vec<f64>,
     left: Left,
+    unsettled: u64,
 }
 
 impl<'a> MapNetwork<'a> {
     /// Cells at rest and at the temperature of the surroundings, group by group.
     pub(super) fn new(cells: Vec<MappedCell>, common: Common<'a>) -> Self {
         let (n, rc) = (cells.len(), common.map.branches.len());
-        let slowest_s = common.map.charge_transfer.map(|law| law.slowest_s);
-        let bends = |branch: &MapBranch| slowest_s.is_some_and(|most| branch.tau_s <= most);
         let coulomb = |cell: &MappedCell| 3600.0 * common.curve.capacity_ah * cell.capacity_ratio;
         let state = State {
             soc: cells.iter().map(|cell| cell.soc).collect(),
@@ -135,11 +133,11 @@ impl<'a> MapNetwork<'a> {
             before: Look::new(n),
             now: Look::new(n),
             guess_a: vec![0.0; n],
-            bent_a: vec![0.0; n],
-            bends: common.map.branches.iter().map(bends).collect(),
+            driven_a: vec![0.0; n * rc],
             thermal: ThermalNetwork::new(common.thermal, n, common.wiring.parallel),
             heat_w: vec![0.0; n],
             left: Left::default(),
+            unsettled: 0,
             common,
             cells,
         }
@@ -192,14 +190,15 @@ impl<'a> MapNetwork<'a> {
     /// Moves charge and temperature to the end of the step with the currents and the heat that are
     /// known of it.
     fn arrive(&mut self, step_s: f64) {
-        let tabs = self.thermal.takes_heat_of_tabs();
-        let ends = [&self.before, &self.now];
-        let interconnect_w = self.common.wiring.mean_heat_w(ends, tabs, &mut self.heat_w);
-        let heat = Heat {
-            cell_w: &self.heat_w,
-            interconnect_w,
-        };
-        self.thermal.end(step_s, heat);
+        if !self.thermal.held() {
+            let ends = [&self.before, &self.now];
+            let interconnect_w = self.common.wiring.mean_heat_w(ends, &mut self.heat_w);
+            let heat = Heat {
+                cell_w: &self.heat_w,
+                interconnect_w,
+            };
+            self.thermal.end(step_s, heat);
+        }
         for (k, soc) in self.end.soc.iter_mut().enumerate() {
             let mean_a = 0.5 * (self.before.cell_a[k] + self.now.cell_a[k]);
             *soc = self.start.soc[k] - mean_a * step_s / self.capacity_coulomb[k];
@@ -215,11 +214,13 @@ impl<'a> MapNetwork<'a> {
             let bend_ohm = 0.5 * slope_v * step_s / self.capacity_coulomb[k];
             let mut e_v = open_v + bend_ohm * current_a;
             let mut behind_ohm = values.r_ohm + self.common.wiring.tab_ohm + bend_ohm;
-            let tangent = (self.bent_a[k], law(values).slope(current_a));
-            for (bends, j) in self.bends.iter().zip(self.branches(k)) {
+            for (j, law) in self
+                .branches(k)
+                .zip(laws(self.common.map, &self.cells[k], values))
+            {
                 let step = self.steps[j];
                 let end_ohm = step.end * self.found.branch_ohm[j];
-                let (driven_a, slope) = if *bends { tangent } else { (current_a, 1.0) };
+                let (driven_a, slope) = (self.driven_a[j], law.slope(current_a));
                 e_v -= step.decay * self.start.v[j]
                     + step.start * self.start.driven_v[j]
                     + end_ohm * (driven_a - slope * current_a);
@@ -235,10 +236,10 @@ impl<'a> MapNetwork<'a> {
         let mut change_v = 0.0_f64;
         for k in 0..self.cells.len() {
             let current_a = self.now.cell_a[k];
-            let bent_a = law(&self.found.values[k]).driven_a(current_a);
-            self.bent_a[k] = bent_a;
-            for (bends, j) in self.bends.iter().zip(self.branches(k)) {
-                let driven_a = if *bends { bent_a } else { current_a };
+            let laws = laws(self.common.map, &self.cells[k], &self.found.values[k]);
+            for (j, law) in self.branches(k).zip(laws) {
+                let driven_a = law.driven_a(current_a);
+                self.driven_a[j] = driven_a;
                 let driven_v = self.found.branch_ohm[j] * driven_a;
                 change_v = change_v.max((driven_v - self.end.driven_v[j]).abs());
                 self.end.driven_v[j] = driven_v;
@@ -252,9 +253,11 @@ impl<'a> MapNetwork<'a> {
         for k in 0..self.cells.len() {
             let (values, current_a) = (&self.found.values[k], self.now.cell_a[k]);
             let mut heat_w = values.r_ohm * current_a * current_a;
-            for (bends, j) in self.bends.iter().zip(self.branches(k)) {
-                let drive = if *bends { law(values) } else { STRAIGHT };
-                heat_w += drive.lost_w(self.end.v[j], self.found.branch_ohm[j]);
+            for (j, law) in self
+                .branches(k)
+                .zip(laws(self.common.map, &self.cells[k], values))
+            {
+                heat_w += law.lost_w(self.end.v[j], self.found.branch_ohm[j]);
             }
             self.now.heat_w[k] = heat_w;
         }
@@ -316,12 +319,13 @@ impl Cells for MapNetwork<'_> {
         self.now.cell_a.copy_from_slice(&self.before.cell_a);
         self.now.heat_w.copy_from_slice(&self.before.heat_w);
         self.now.current_a = self.before.current_a;
-        let mut change = f64::INFINITY;
+        let (mut change, mut settled) = (f64::INFINITY, false);
         for iteration in 0..MOST_LOOKS {
             self.arrive(step_s);
             // The values of the start give the first currents.
             let moved = iteration == 0 || self.find();
             if !moved && change <= SETTLED {
+                settled = true;
                 break;
             }
             self.linearise(step_s);
@@ -334,8 +338,14 @@ impl Cells for MapNetwork<'_> {
                 .drive()
                 .max(largest_change(&self.guess_a, &self.now.cell_a));
             self.charge();
+            if !self.thermal.held() {
+                self.heat();
+            }
+        }
+        if self.thermal.held() {
             self.heat();
         }
+        self.unsettled += u64::from(!(settled && self.thermal.settled()));
         if self.now.infeasible {
             // The most power there is belongs to the state and not to the tangent.
             return self.look(demand, value);
@@ -359,16 +369,25 @@ impl Cells for MapNetwork<'_> {
     fn left(&self) -> Option<Left> {
         Some(self.left)
     }
+
+    fn unsettled(&self) -> u64 {
+        self.unsettled
+    }
 }
 
-/// A branch that the current drives as it is.
-const STRAIGHT: Drive = Drive { exchange_a: None };
-
-/// How a current drives the branches of charge transfer.
-fn law(values: &MapValues) -> Drive {
-    Drive {
-        exchange_a: values.exchange_a,
-    }
+/// Returns how a current drives each branch of a cell.
+fn laws<'n>(
+    map: &'n CellMap,
+    cell: &'n MappedCell,
+    values: &'n MapValues,
+) -> impl Iterator<Item = Drive> + 'n {
+    let branches = map.branches.iter().zip(&cell.rk);
+    branches.map(|(branch, factor)| {
+        let law = values.drive(branch.tau_s);
+        Drive {
+            exchange_a: law.exchange_a.map(|exchange_a| exchange_a / factor),
+        }
+    })
 }
 
 /// Largest change of a current over the largest current.

@@ -8,6 +8,6 @@ mod wiring;
 
 pub use scatter::{
     BandRow, Draws, LeftMap, Outcome, Percentiles, PlacedCell, Position, Scatter, ScatterSetup,
-    Spread, Temperatures, drawn_cells, scatter, scatter_cells,
+    SocRange, Spread, Temperatures, drawn_cells, scatter, scatter_cells,
 };
 pub use thermal::PackThermal;

@@ -3,12 +3,12 @@
 //! Every cell is a source Eₖ = OCV − Σvⱼ behind Rₖ (its series resistance and its tab). Over a step
 //! every current is linear; its end enters the branches linearly, so that the end of the step is the
 //! same network with other Eₖ and Rₖ: implicit, second order, and no iteration. Temperatures follow
-//! from the heat and do not act back.
+//! from the heat and do not change the resistances.
 
 use super::thermal::{Heat, PackThermal, ThermalNetwork};
 use super::wiring::{Cells, Left, Look, Sources, Wiring};
 use crate::forward::{Demand, OcvSource};
-use analysis_model::model::Erm;
+use analysis_model::{map::BranchStep, model::Erm};
 
 /// One cell in its place.
 #[derive(Debug, Clone)]
@@ -17,14 +17,6 @@ pub(super) struct Cell {
     /// Over that of the OCV curve.
     pub(super) capacity_ratio: f64,
     pub(super) soc: f64,
-}
-
-/// Branches of all cells over one step: decay, and Ω per ampere at start and end.
-#[derive(Debug, Clone, Copy)]
-struct Gain {
-    decay: f64,
-    start: f64,
-    end: f64,
 }
 
 /// Cells, their wiring and their states.
@@ -36,7 +28,8 @@ pub(super) struct Network<'a> {
     r_ohm: Vec<f64>,
     branches: Vec<(f64, f64)>,
     capacity_coulomb: Vec<f64>,
-    gains: Vec<Gain>,
+    /// Steps of the branches of all cells, driven by currents: start and end are in Ω.
+    gains: Vec<BranchStep>,
     gains_step_s: f64,
     pub(super) soc: Vec<f64>,
     v_rc: Vec<f64>,
@@ -47,6 +40,7 @@ pub(super) struct Network<'a> {
     thermal: ThermalNetwork,
     /// Mean heat of the cells over a step, W.
     heat_w: Vec<f64>,
+    unsettled: u64,
 }
 
 impl<'a> Network<'a> {
@@ -85,6 +79,7 @@ impl<'a> Network<'a> {
             now: Look::new(n),
             thermal: ThermalNetwork::new(thermal, n, wiring.parallel),
             heat_w: vec![0.0; n],
+            unsettled: 0,
         }
     }
 
@@ -117,28 +112,26 @@ impl<'a> Network<'a> {
         self.gains_step_s = step_s;
         self.gains.clear();
         self.gains.extend(self.branches.iter().map(|&(r, c)| {
-            let x = step_s / (r * c);
-            let decay = (-x).exp();
-            let mean = -(-x).exp_m1() / x;
-            Gain {
-                decay,
-                start: r * (mean - decay),
-                end: r * (1.0 - mean),
+            let step = BranchStep::new(step_s, r * c);
+            BranchStep {
+                start: r * step.start,
+                end: r * step.end,
+                ..step
             }
         }));
     }
 
     /// Warms the cells by the heat of the last step.
     fn warm(&mut self, step_s: f64) {
-        let tabs = self.thermal.takes_heat_of_tabs();
         let ends = [&self.start, &self.now];
-        let interconnect_w = self.wiring.mean_heat_w(ends, tabs, &mut self.heat_w);
+        let interconnect_w = self.wiring.mean_heat_w(ends, &mut self.heat_w);
         let heat = Heat {
             cell_w: &self.heat_w,
             interconnect_w,
         };
         self.thermal.begin();
         self.thermal.end(step_s, heat);
+        self.unsettled += u64::from(!self.thermal.settled());
     }
 }
 
@@ -192,8 +185,7 @@ impl Cells for Network<'_> {
         for k in 0..self.soc.len() {
             let (i0, i1) = (self.start.cell_a[k], self.now.cell_a[k]);
             for j in self.cell_branches(k) {
-                let g = self.gains[j];
-                self.v_rc[j] = g.decay * self.v_rc[j] + g.start * i0 + g.end * i1;
+                self.v_rc[j] = self.gains[j].end_v(self.v_rc[j], i0, i1);
             }
             self.soc[k] -= 0.5 * step_s * (i0 + i1) / self.capacity_coulomb[k];
         }
@@ -216,6 +208,10 @@ impl Cells for Network<'_> {
 
     fn left(&self) -> Option<Left> {
         None
+    }
+
+    fn unsettled(&self) -> u64 {
+        self.unsettled
     }
 }
 

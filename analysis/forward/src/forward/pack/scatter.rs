@@ -12,7 +12,7 @@ mod watch;
 
 pub use cells::{PlacedCell, drawn_cells};
 use cells::{check_packs, draw};
-pub use outcome::{LeftMap, Outcome, Percentiles, Position, Temperatures};
+pub use outcome::{LeftMap, Outcome, Percentiles, Position, SocRange, Temperatures};
 
 use super::mapped::{Common, MapNetwork};
 use super::network::{Cell, Network};
@@ -58,6 +58,8 @@ pub struct Scatter {
     pub bands: Vec<BandRow>,
     /// Change of the lowest cell voltage of the identical pack with half the step, V.
     pub step_error_v: f64,
+    /// Change of its highest temperature with half the step, K.
+    pub step_error_k: f64,
 }
 
 impl Scatter {
@@ -165,10 +167,13 @@ fn each(
     });
     let bands = bands.filter(|row| row.lowest_v.p50.is_finite()).collect();
     let step_error_v = (identical.min_cell_v - finer.min_cell_v).abs();
+    let hottest = |outcome: &Outcome| outcome.temperatures.hottest_degc;
+    let step_error_k = (hottest(&identical) - hottest(&finer)).abs();
     Scatter {
         identical,
         bands,
         step_error_v,
+        step_error_k,
         outcomes: runs.into_iter().map(|r| r.0).collect(),
     }
 }
@@ -266,7 +271,7 @@ fn run(
         interconnect_ohm: setup.pack.interconnect_ohm,
     };
     let mut cells = wired(setup, placed, wiring);
-    let mut watch = Watch::new(setup, wiring);
+    let mut watch = Watch::new(setup, wiring, &*cells);
     let mut instants = Vec::new();
     let kind: Demand = setup.profile.demand;
     let mut demand = f64::NAN;

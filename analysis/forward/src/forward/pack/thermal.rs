@@ -110,7 +110,8 @@ struct Grid {
     parallel: usize,
     /// Conductance of each cell to the surroundings, W/K.
     path_w_per_k: Vec<f64>,
-    /// Largest conductance of a cell to all that surrounds it, W/K.
+    /// Bound on what the conductances take out of the cells per kelvin, in any pattern of
+    /// temperatures, W/K.
     most_w_per_k: f64,
 }
 
@@ -133,10 +134,14 @@ impl Grid {
             thermal.path_w_per_k * (1.0 - lost)
         };
         let path_w_per_k: Vec<f64> = (0..cells).map(path).collect();
+        // The step must damp the fastest pattern without a change of its sign: hot and cold cells in
+        // turn, in which a difference to a neighbour is twice a temperature. A busbar conducts to the
+        // mean of its cells, which is 0 in such a pattern: it counts once for each cell that it
+        // touches.
+        let busbars = if parallel == cells { 1.0 } else { 2.0 };
         let most = (0..cells).map(|k| {
-            let busbars = if parallel == cells { 1.0 } else { 2.0 };
             path_w_per_k[k]
-                + neighbours(k) * thermal.neighbour_w_per_k
+                + 2.0 * neighbours(k) * thermal.neighbour_w_per_k
                 + busbars * thermal.busbar_w_per_k
         });
         Self {
@@ -212,6 +217,8 @@ pub(super) struct ThermalNetwork {
     mean_k: Vec<f64>,
     /// Heat that flows into each cell from itself and its busbars, W.
     source_w: Vec<f64>,
+    /// Whether the linear system of the last step is solved.
+    settled: bool,
     gradient: Gradient,
 }
 
@@ -224,6 +231,7 @@ impl ThermalNetwork {
             end_k: vec![0.0; cells],
             mean_k: vec![0.0; cells],
             source_w: vec![0.0; cells],
+            settled: true,
             gradient: Gradient::new(cells),
         }
     }
@@ -245,9 +253,14 @@ impl ThermalNetwork {
         paths.map(|(path, over)| path * over).sum()
     }
 
-    /// Returns whether the heat of a tab flows into its cell.
-    pub(super) fn takes_heat_of_tabs(&self) -> bool {
-        self.grid.thermal.busbar_w_per_k > 0.0
+    /// Returns whether the cells keep the temperature of the surroundings.
+    pub(super) fn held(&self) -> bool {
+        self.grid.thermal.held
+    }
+
+    /// Returns whether the temperatures of the last step solve their equations to rounding.
+    pub(super) fn settled(&self) -> bool {
+        self.settled
     }
 
     /// Begins a step at the present temperatures.
@@ -287,7 +300,8 @@ impl ThermalNetwork {
         for ((right, start), source) in right.iter_mut().zip(&self.start_k).zip(&self.source_w) {
             *right = inert * start + source;
         }
-        self.gradient
+        self.settled = self
+            .gradient
             .solve(&self.grid, inert, right, &mut self.mean_k);
         self.grid.flows(&self.mean_k, &mut self.gradient.product);
         for (k, end_k) in self.end_k.iter_mut().enumerate() {
@@ -313,8 +327,8 @@ impl Gradient {
         }
     }
 
-    /// Solves (inert + flows)·x = right from an approximate x.
-    fn solve(&mut self, grid: &Grid, inert: f64, right: &[f64], x: &mut [f64]) {
+    /// Solves (inert + flows)·x = right from an approximate x. Returns whether it has succeeded.
+    fn solve(&mut self, grid: &Grid, inert: f64, right: &[f64], x: &mut [f64]) -> bool {
         grid.flows(x, &mut self.product);
         for (k, residual) in self.residual.iter_mut().enumerate() {
             *residual = right[k] - inert * x[k] - self.product[k];
@@ -324,7 +338,7 @@ impl Gradient {
         let mut square = dot(&self.residual, &self.residual);
         for _ in 0..4 * x.len() + 20 {
             if square <= enough {
-                return;
+                return true;
             }
             grid.flows(&self.direction, &mut self.product);
             for (product, direction) in self.product.iter_mut().zip(&self.direction) {
@@ -341,6 +355,7 @@ impl Gradient {
             }
             square = next;
         }
+        square <= enough
     }
 }
 

@@ -110,11 +110,10 @@ impl Wiring {
         look.current_a * look.current_a * self.interconnect_ohm
     }
 
-    /// Writes the mean heat of each cell over a step, W, from its start and end, with that of its tab
-    /// if `tabs`. Returns the mean heat of the interconnect, W.
-    pub(super) fn mean_heat_w(&self, ends: [&Look; 2], tabs: bool, cell_w: &mut [f64]) -> f64 {
-        let tab_ohm = if tabs { self.tab_ohm } else { 0.0 };
-        let of = |look: &Look, k: usize| look.heat_w[k] + tab_ohm * look.cell_a[k].powi(2);
+    /// Writes the mean heat of each cell and its tab over a step, W, from its start and end. Returns
+    /// the mean heat of the interconnect, W.
+    pub(super) fn mean_heat_w(&self, ends: [&Look; 2], cell_w: &mut [f64]) -> f64 {
+        let of = |look: &Look, k: usize| look.heat_w[k] + self.tab_ohm * look.cell_a[k].powi(2);
         for (k, mean) in cell_w.iter_mut().enumerate() {
             *mean = 0.5 * (of(ends[0], k) + of(ends[1], k));
         }
@@ -150,11 +149,14 @@ pub(super) trait Cells {
     /// Returns the temperatures.
     fn thermal(&self) -> &ThermalNetwork;
 
-    /// Returns the farthest way out of the range of a map, with the cells; `None` without a map.
+    /// Returns the largest distance outside the range of a map, with the cells; `None` without a map.
     fn left(&self) -> Option<Left>;
+
+    /// Returns the number of steps whose equations were not solved to their tolerance.
+    fn unsettled(&self) -> u64;
 }
 
-/// Farthest way out of the range of a map, and the cells that go there.
+/// Largest distance outside the range of a map, and the cells that go there.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Left {
     pub(super) soc: f64,

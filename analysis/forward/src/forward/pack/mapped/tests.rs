@@ -2,7 +2,7 @@ use super::*;
 use crate::forward::pack::network::{Cell, Network};
 use crate::forward::{Interpolation, OcvSource, Profile, SimModel, SimOptions, simulate};
 use analysis_model::{
-    map::{ChargeTransfer, Surface, Thermal},
+    map::{ChargeTransfer, MapBranch, Surface, Thermal},
     pack::Pack,
 };
 
@@ -306,12 +306,16 @@ fn heat_of_the_load_is_stored_in_the_cells_or_lost_and_a_warm_cell_resists_less(
         let at_start = network.found.values[0].r_ohm;
         let (mut came_j, mut lost_j) = (0.0, 0.0);
         let mut heat_w = network.now.heat_w.iter().sum::<f64>();
+        // The heat of the tabs reaches the cells in any case.
         let wires = |network: &MapNetwork<'_>| {
-            if busbar > 0.0 {
-                common.wiring.wires_w(&network.now)
-            } else {
-                0.0
-            }
+            let tabs_w = network
+                .now
+                .cell_a
+                .iter()
+                .map(|i| 0.001 * i * i)
+                .sum::<f64>();
+            let joint_w = 0.02 * network.now.current_a.powi(2);
+            tabs_w + if busbar > 0.0 { joint_w } else { 0.0 }
         };
         heat_w += wires(&network);
         for _ in 0..1200 {
@@ -321,6 +325,7 @@ fn heat_of_the_load_is_stored_in_the_cells_or_lost_and_a_warm_cell_resists_less(
             lost_j += 0.5 * network.thermal.lost_w();
             heat_w = now_w;
         }
+        assert_eq!(network.unsettled(), 0);
         let stored_j = 40.0 * network.thermal.over_k().iter().sum::<f64>();
         assert!(
             (came_j - lost_j - stored_j).abs() < 1e-9 * came_j,
@@ -328,4 +333,87 @@ fn heat_of_the_load_is_stored_in_the_cells_or_lost_and_a_warm_cell_resists_less(
         );
         assert!(network.found.values[0].r_ohm < 0.95 * at_start);
     }
+}
+
+/// A cell with twice the resistance has half the exchange current: at half the current it is half as
+/// bent, and each of its branches has the voltage of the other cell.
+#[test]
+fn the_factor_of_a_resistance_of_charge_transfer_divides_its_exchange_current() {
+    let (map, curve) = (map(), curve());
+    let thermal = PackThermal {
+        held: true,
+        ..thermal(25.0)
+    };
+    let common = Common {
+        map: &map,
+        curve: &curve,
+        wiring: wiring(1),
+        thermal: &thermal,
+    };
+    let [weak, strong] = [(2.0, 10.0), (1.0, 20.0)].map(|(factor, current_a)| {
+        let mut cell = cell(factor, 0.5);
+        // Both move by the same state of charge.
+        cell.capacity_ratio = 1.0 / factor;
+        let mut network = MapNetwork::new(vec![cell], common);
+        assert!(network.look(Demand::Current, current_a));
+        for _ in 0..50 {
+            assert!(network.advance(0.2, Demand::Current, current_a));
+        }
+        network
+    });
+    for (a, b) in weak.end.v.iter().zip(&strong.end.v) {
+        assert!((a - b).abs() < 1e-9 * b, "{a} {b}");
+    }
+    // 10 mΩ at 20 A, far below 0.2 V because the law bends it.
+    assert!(strong.end.v[0] < 0.15, "{}", strong.end.v[0]);
+    assert!((2.0 * weak.now.heat_w[0] / strong.now.heat_w[0] - 1.0).abs() < 1e-9);
+    assert!(weak.thermal.degc(0) == 25.0 && weak.now.heat_w[0] > 0.0);
+}
+
+/// Two uneven cells that conduct heat to each other, with the whole map: second order.
+#[test]
+fn halved_steps_quarter_the_error_of_uneven_cells_that_conduct() {
+    let (map, curve) = (map(), curve());
+    let thermal = PackThermal {
+        neighbour_w_per_k: 0.5,
+        busbar_w_per_k: 0.2,
+        ..thermal(5.0)
+    };
+    let common = Common {
+        map: &map,
+        curve: &curve,
+        wiring: Wiring {
+            tab_ohm: 0.001,
+            interconnect_ohm: 0.005,
+            ..wiring(2)
+        },
+        thermal: &thermal,
+    };
+    // A ramp: at a jump of the current the branches are driven by a line and not by a step.
+    let end = |steps: u32| {
+        let mut network = MapNetwork::new(vec![cell(0.7, 0.7), cell(1.4, 0.7)], common);
+        assert!(network.look(Demand::Current, 4.0));
+        for step in 1..=steps {
+            let part = f64::from(step) / f64::from(steps);
+            assert!(network.advance(60.0 / f64::from(steps), Demand::Current, 4.0 + 6.0 * part));
+        }
+        assert_eq!(network.unsettled(), 0);
+        let now = network.now();
+        [
+            now.ccv_v,
+            now.cell_a[0],
+            network.thermal.degc(0),
+            network.thermal.degc(1),
+            network.soc()[0],
+        ]
+    };
+    let (exact, coarse, fine) = (end(3840), end(60), end(120));
+    for k in 0..exact.len() {
+        let (coarse, fine) = ((coarse[k] - exact[k]).abs(), (fine[k] - exact[k]).abs());
+        assert!(
+            (3.5..4.5).contains(&(coarse / fine)),
+            "{k}: {coarse:e} {fine:e}"
+        );
+    }
+    assert!(exact[2] > 6.0 && exact[2] - exact[3] > 0.05, "{exact:?}");
 }

@@ -175,12 +175,12 @@ pub(super) fn check_packs(
             });
         }
         pack.iter().try_for_each(|cell| cell.check(setup.cell))?;
-        let own = pack.iter().find_map(|cell| cell.erm.as_ref());
-        if let (Some(_), Some(erm)) = (setup.map, own) {
+        let own = pack.iter().filter(|cell| cell.erm.is_some()).count();
+        if setup.map.is_some() && own > 0 {
             return Err(PackError::Value {
-                what: "model of a cell of its own in a pack whose cells follow a map",
-                expected: "none; met one with a series resistance in Ω",
-                met: erm.r_ohm,
+                what: "cells with a model of their own in a pack whose cells follow a map",
+                expected: "none",
+                met: own as f64,
             });
         }
     }

@@ -28,6 +28,8 @@ pub struct Outcome {
     /// Difference of the highest and the lowest state of charge at the end; none for a constant
     /// OCV.
     pub soc_spread_end: Option<f64>,
+    /// States of charge at the start and the end; none for a constant OCV.
+    pub soc_range: Option<SocRange>,
     /// Joule heat in the cell with the most of it, J.
     pub hottest_heat_j: f64,
     /// Its temperature rise if no heat leaves it, K.
@@ -36,11 +38,13 @@ pub struct Outcome {
     pub temperatures: Temperatures,
     /// Heat of the interconnect and of the tabs, J.
     pub interconnect_heat_j: f64,
-    /// Farthest way out of the range in which a map was measured; `None` without a map.
+    /// Largest distance outside the range in which a map was measured; `None` without a map.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outside_map: Option<LeftMap>,
     /// Energy delivered at the terminals, J.
     pub energy_j: f64,
+    /// Steps whose equations were not solved to their tolerance.
+    pub unsettled_steps: u64,
     /// Whether all requested power was available.
     pub feasible: bool,
 }
@@ -50,6 +54,15 @@ impl Outcome {
     pub fn within(&self) -> bool {
         self.feasible && self.margin_low_v >= 0.0 && self.margin_high_v >= 0.0
     }
+}
+
+/// Lowest and highest state of charge of any cell, over the start and the end of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SocRange {
+    /// Lowest.
+    pub lowest: f64,
+    /// Highest.
+    pub highest: f64,
 }
 
 /// Position of a cell in a pack.
@@ -86,15 +99,15 @@ pub struct Temperatures {
     pub hottest_time_s: f64,
     /// Which cell.
     pub hottest: Position,
-    /// Highest temperature of the cell that stays coldest, °C.
-    pub coldest_degc: f64,
+    /// Lowest of the highest temperatures of the cells, °C: that of the cell that stays coldest.
+    pub lowest_peak_degc: f64,
     /// Which cell.
     pub coldest: Position,
     /// Largest difference between two cells at one instant, K.
     pub spread_k: f64,
 }
 
-/// Farthest distance from the range in which a map was measured, and the cells that go there.
+/// Largest distance outside the range in which a map was measured, and the cells that go there.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LeftMap {
     /// The distance.

@@ -1,7 +1,7 @@
 //! Records the extremes of a run of a pack.
 
 use super::super::wiring::{Cells, Look, Wiring};
-use super::outcome::{LeftMap, Outcome, Position, Temperatures};
+use super::outcome::{LeftMap, Outcome, Position, SocRange, Temperatures};
 use super::setup::ScatterSetup;
 use crate::forward::OcvSource;
 use analysis_model::map::Outside;
@@ -39,12 +39,14 @@ pub(super) struct Watch<'a> {
     wiring: Wiring,
     outcome: Outcome,
     largest_mean_a: f64,
+    /// Lowest and highest state of charge at the start.
+    start_soc: (f64, f64),
     heat: Heat,
     power_before_w: f64,
 }
 
 impl<'a> Watch<'a> {
-    pub(super) fn new(setup: &'a ScatterSetup<'a>, wiring: Wiring) -> Self {
+    pub(super) fn new(setup: &'a ScatterSetup<'a>, wiring: Wiring, start: &dyn Cells) -> Self {
         let (most, least) = (f64::INFINITY, f64::NEG_INFINITY);
         let first = Position::of(0, wiring.parallel);
         let outcome = Outcome {
@@ -58,19 +60,21 @@ impl<'a> Watch<'a> {
             largest_cell_a: 0.0,
             largest_share: 1.0,
             soc_spread_end: None,
+            soc_range: None,
             hottest_heat_j: 0.0,
             hottest_rise_k: 0.0,
             temperatures: Temperatures {
                 hottest_degc: setup.thermal.ambient_degc,
                 hottest_time_s: 0.0,
                 hottest: first,
-                coldest_degc: setup.thermal.ambient_degc,
+                lowest_peak_degc: setup.thermal.ambient_degc,
                 coldest: first,
                 spread_k: 0.0,
             },
             interconnect_heat_j: 0.0,
             outside_map: None,
             energy_j: 0.0,
+            unsettled_steps: 0,
             feasible: true,
         };
         let cells = setup.pack.cells() as usize;
@@ -89,6 +93,7 @@ impl<'a> Watch<'a> {
             wiring,
             outcome,
             largest_mean_a: 0.0,
+            start_soc: ends(start.soc()),
             heat,
             power_before_w: 0.0,
         }
@@ -172,7 +177,12 @@ impl<'a> Watch<'a> {
         if matches!(setup.ocv, OcvSource::Curve(_)) {
             let (low, high) = ends(cells.soc());
             o.soc_spread_end = Some(high - low);
+            o.soc_range = Some(SocRange {
+                lowest: low.min(self.start_soc.0),
+                highest: high.max(self.start_soc.1),
+            });
         }
+        o.unsettled_steps = cells.unsettled();
         o.outside_map = cells.left().map(|left| LeftMap {
             outside: Outside {
                 soc: left.soc,
@@ -211,7 +221,7 @@ impl Heat {
             hottest_degc: degc(hot_k),
             hottest_time_s: self.hottest_s,
             hottest: position(hot_k),
-            coldest_degc: degc(cold_k),
+            lowest_peak_degc: degc(cold_k),
             coldest: position(cold_k),
             spread_k: self.spread_k,
         }

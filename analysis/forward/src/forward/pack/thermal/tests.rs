@@ -77,6 +77,44 @@ fn two_cells_even_out_at_their_rate_and_halved_steps_quarter_the_error() {
     assert!(coarse < 0.02 && coarse / fine > 3.5, "{coarse} {fine}");
 }
 
+/// 10 s are three times as long as C/g: the difference of the two decays without a change of sign, and
+/// a cell that is heated alone is the hotter one.
+#[test]
+fn a_strongly_coupled_pair_does_not_overshoot() {
+    let coupled = |neighbour, busbar| PackThermal {
+        neighbour_w_per_k: neighbour,
+        busbar_w_per_k: busbar,
+        ..thermal()
+    };
+    for thermal in [coupled(20.0, 0.0), coupled(20.0, 20.0), coupled(0.0, 500.0)] {
+        for (series, parallel) in [(1, 2), (2, 1), (4, 4)] {
+            let cells = series * parallel;
+            let mut hot = network(thermal, series, parallel);
+            hot.end_k[0] = 10.0;
+            let mut heated = network(thermal, series, parallel);
+            let mut heat_w = vec![0.0; cells];
+            heat_w[0] = 3.0;
+            for _ in 0..20 {
+                run(&mut hot, 1, 10.0, &vec![0.0; cells]);
+                run(&mut heated, 1, 10.0, &heat_w);
+                for grid in [&hot, &heated] {
+                    let over = grid.over_k();
+                    let fits = |k: &f64| *k > -1e-12 && over[0] > *k - 1e-9;
+                    assert!(over.iter().all(fits), "{over:?}");
+                    assert!(grid.settled());
+                }
+            }
+        }
+    }
+    // exp(−h·2g/C) is left of the difference after a step.
+    let mut pair = network(coupled(20.0, 0.0), 1, 2);
+    pair.end_k[0] = 10.0;
+    run(&mut pair, 1, 10.0, &[0.0; 2]);
+    let apart = pair.end_k[0] - pair.end_k[1];
+    let expected = 10.0 * f64::exp(-10.0 * 40.2 / 66.0);
+    assert!((apart - expected).abs() < 1e-10, "{apart} {expected}");
+}
+
 #[test]
 fn the_heat_of_a_busbar_flows_into_the_two_groups_that_it_joins() {
     let thermal = PackThermal {
@@ -255,6 +293,7 @@ proptest! {
             let interconnect_w = 1.0 + (0.1 * f64::from(step as u32)).cos();
             grid.begin();
             grid.end(step_s, Heat { cell_w: &cell_w, interconnect_w });
+            prop_assert!(grid.settled());
             let wires_w = if busbar > 0.0 { interconnect_w } else { 0.0 };
             came_j += step_s * (cell_w.iter().sum::<f64>() + wires_w);
             lost_j += step_s * grid.lost_w();
