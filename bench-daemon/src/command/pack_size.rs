@@ -3,14 +3,18 @@
 use super::model_args::{self, ModelArgs, PackArgs, WindowArgs, required_sizes};
 use crate::command::units;
 use bench_core::safety::failure::Failure;
-use bench_evaluate::files;
-use bench_plan::config::quantity::{Duration, Power, Resistance, Voltage};
+use bench_evaluate::files::{self, AMBIENT_DEGC};
+use bench_plan::config::quantity::{Duration, Power, Resistance, Temperature, Voltage};
 use bench_plan::support::terminal::say;
 use std::path::{Path, PathBuf};
 
 use analysis::{
+    forward::OcvSource,
+    given::GivenModel,
+    map::CellMap,
     pack::{
-        HeldPower, Hold, OperatingPoint, PackError, SimpleIr, Sizing, SizingInput, ThermalMass,
+        HeldPower, Hold, OperatingPoint, Pack, PackError, SimpleIr, Sizing, SizingInput,
+        ThermalMass,
     },
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
@@ -57,6 +61,15 @@ pub struct SizeArgs {
     /// and `branches` alone, or circuit.json.
     #[arg(long, value_name = "FILE", conflicts_with = "dcir_ohm")]
     pub model: Option<PathBuf>,
+    /// Temperature of the cells, °C, for a model with a map [default: 25]
+    #[arg(
+        long,
+        value_name = "DEGC",
+        conflicts_with = "dcir_ohm",
+        allow_hyphen_values = true,
+        value_parser = units::of::<Temperature>
+    )]
+    pub ambient_degc: Option<f64>,
     /// The model as text: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["dcir_ohm", "model"])]
     pub erm: Option<String>,
@@ -108,6 +121,15 @@ impl ThermalArgs {
         ThermalMass {
             mass_kg: self.cell_mass_kg.unwrap_or(usual.mass_kg),
             specific_heat_j_per_kg_k: self.specific_heat.unwrap_or(usual.specific_heat_j_per_kg_k),
+        }
+    }
+
+    /// Returns the name of the argument that is missing if only one of both is given.
+    pub fn missing(self) -> Option<&'static str> {
+        match (self.cell_mass_kg, self.specific_heat) {
+            (Some(_), None) => Some("--specific-heat"),
+            (None, Some(_)) => Some("--cell-mass-kg"),
+            _ => None,
         }
     }
 
@@ -205,17 +227,53 @@ fn dc_resistance(args: &SizeArgs) -> Result<(f64, Vec<String>), Failure> {
             "without additions, met some, which no single resistance stands for",
         ));
     }
+    if let Some(map) = &model.map {
+        return resistance_of_map(args, &model, map);
+    }
     let dcir_ohm = model
         .dc_resistance_ohm()
         .ok_or_else(|| fail("with a DC resistance, met a circuit without one"))?;
     let mut notes = model_args::notes(&model);
-    notes.extend(model.point_note());
     let soc = model
         .ocv
         .as_ref()
         .and_then(|curve| curve.soc_at(args.ocv_v));
-    notes.extend(model.away_note(soc.as_slice(), &[]));
+    notes.extend(model.away_note(soc.as_slice(), args.ambient_degc.as_slice()));
     Ok((dcir_ohm, notes))
+}
+
+/// Returns the DC resistance of a map where a cell rests at `--ocv-v`, Ω, and at which point that is.
+fn resistance_of_map(
+    args: &SizeArgs,
+    model: &GivenModel,
+    map: &CellMap,
+) -> Result<(f64, Vec<String>), Failure> {
+    const SINGLE: Pack = Pack {
+        series: 1,
+        parallel: 1,
+        interconnect_ohm: 0.0,
+    };
+    let Some(curve) = &model.ocv else {
+        return Err(Failure::Usage(
+            "--model: expected an OCV curve for a model with a map, found none; give --dcir-ohm"
+                .to_owned(),
+        ));
+    };
+    let degc = args.ambient_degc.unwrap_or(AMBIENT_DEGC);
+    let single = files::sim_model(model, OcvSource::Curve(curve.clone()), SINGLE, degc)?;
+    let soc = single
+        .rest_at(args.ocv_v)
+        .map_err(|error| Failure::Usage(format!("--ocv-v: {error}")))?
+        .soc;
+    let mut notes = model_args::notes(model);
+    notes.push(format!(
+        "the DC resistance is that of the map at SOC {soc:.3} and {degc:.1} °C, without a current"
+    ));
+    let outside = map.place(soc, degc).outside;
+    if outside.is_outside() {
+        notes.push(format!("{outside}; there the resistances are extrapolated"));
+    }
+    Ok((map.model_at(soc, degc).dc_resistance_ohm(), notes))
 }
 
 fn print_text(input: &SizingInput, report: &SizeReport) {

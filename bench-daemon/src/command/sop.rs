@@ -68,15 +68,15 @@ pub struct SopArgs {
     /// Constant open-circuit voltage of a cell, V, between --v-min and --v-max.
     #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::of::<Voltage>)]
     pub ocv_v: Option<f64>,
-    /// Temperature of the surroundings, and of the cells at the start, °C, for a model with a map.
+    /// Temperature of the surroundings, and of the cells at the start, °C, for a model with a map
+    /// [default: 25]
     #[arg(
         long,
-        default_value_t = AMBIENT_DEGC,
         value_name = "DEGC",
         allow_hyphen_values = true,
         value_parser = units::of::<Temperature>
     )]
-    pub ambient_degc: f64,
+    pub ambient_degc: Option<f64>,
     /// Limits of a cell.
     #[command(flatten)]
     pub window: WindowArgs,
@@ -131,7 +131,8 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
         }
     };
     let pack = args.pack.pack()?;
-    let model = files::sim_model(&file, ocv, pack, args.ambient_degc)?;
+    let ambient_degc = args.ambient_degc.unwrap_or(AMBIENT_DEGC);
+    let model = files::sim_model(&file, ocv, pack, ambient_degc)?;
     let window = args.window.window();
     analysis::pack::check_window(window.low_v..=window.high_v).map_err(|error| usage(&error))?;
     args.ocv_v
@@ -205,15 +206,16 @@ fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
     let mut notes = model_args::notes(file);
     if let Some(cell) = &file.map {
         let places = map.iter().filter_map(|entry| entry.soc);
+        let ambient_degc = args.ambient_degc.unwrap_or(AMBIENT_DEGC);
         let outside = places
-            .map(|soc| cell.place(soc, args.ambient_degc).outside)
+            .map(|soc| cell.place(soc, ambient_degc).outside)
             .fold(Outside::default(), Outside::farther);
         if outside.is_outside() {
             notes.push(format!("{outside}; there the resistances are extrapolated"));
         }
     }
     let places: Vec<f64> = map.iter().filter_map(|entry| entry.soc).collect();
-    notes.extend(file.away_note(&places, &[args.ambient_degc]));
+    notes.extend(file.away_note(&places, args.ambient_degc.as_slice()));
     let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);
     if args.max_discharge_a.is_none() || args.max_charge_a.is_none() {
         notes.push(format!(

@@ -183,9 +183,9 @@ impl GivenModel {
         })
     }
 
-    /// Returns a note on how far from its measurement a model of one point is used, at states of
-    /// charge and temperatures, °C, as far as they are known; `None` for a model with a map, and for
-    /// one that is used where it was measured.
+    /// Returns a note on how far from its data a model of one point is used, at states of charge and
+    /// temperatures, °C, as far as they are known; `None` for a model with a map, and for one that is
+    /// used where its data lie.
     pub fn away_note(&self, soc: &[f64], degc: &[f64]) -> Option<String> {
         if self.map.is_some() {
             return None;
@@ -199,17 +199,28 @@ impl GivenModel {
         };
         let farthest = |list: &[f64], from: f64| {
             let away = list.iter().map(|x| (x - from).abs());
-            away.fold(0.0, f64::max)
+            away.reduce(f64::max)
         };
-        let (charge, kelvin) = (
-            farthest(soc, facts.soc),
-            farthest(degc, facts.temperature_degc),
-        );
-        (charge >= 0.005 || kelvin >= 0.05).then(|| {
+        let charge = farthest(soc, facts.soc).map(|away| {
+            let at = format!("SOC {:.2}", facts.soc);
+            (away >= 0.005, at, format!("{away:.2} of charge"))
+        });
+        let kelvin = farthest(degc, facts.temperature_degc).map(|away| {
+            let at = format!("{:.1} °C", facts.temperature_degc);
+            (away >= 0.05, at, format!("{away:.1} K"))
+        });
+        let known: Vec<_> = charge.into_iter().chain(kelvin).collect();
+        let (mut places, mut ways) = (Vec::new(), Vec::new());
+        for (_, at, away) in &known {
+            places.push(at.as_str());
+            ways.push(away.as_str());
+        }
+        known.iter().any(|(is_away, ..)| *is_away).then(|| {
             format!(
-                "the model was measured at SOC {:.2} and {:.1} °C; it is used up to {charge:.2} of \
-                charge and {kelvin:.1} K away, with the resistances measured there",
-                facts.soc, facts.temperature_degc
+                "the data of the model's diagnosis lie at {}; it is used up to {} away, with the \
+                resistances found there",
+                places.join(" and "),
+                ways.join(" and ")
             )
         })
     }

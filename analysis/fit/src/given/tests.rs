@@ -171,3 +171,41 @@ fn additions_to_a_typed_model_are_written_and_read_again() {
     );
     assert_eq!(read(&augmented.to_json().unwrap()), augmented);
 }
+
+/// A model of one point whose diagnosis used data at half charge and 25 °C.
+#[test]
+fn the_distance_from_the_data_names_only_what_is_known() {
+    let mut model = read(PLAIN);
+    assert!(
+        model
+            .away_note(&[0.2], &[])
+            .unwrap()
+            .contains("does not state")
+    );
+    let facts = r#"{"lowest_hz": 0.1, "highest_hz": 300, "longest_s": 60, "shortest_s": 0.1,
+        "greatest_a": 40, "widest_soc": 0.1, "soc": 0.5, "temperature_c": 25, "orders": 0,
+        "span_s": 0}"#;
+    model.facts = Some(serde_json::from_str(facts).unwrap());
+    let start = "the data of the model's diagnosis lie at ";
+    let end = " away, with the resistances found there";
+    for (soc, degc, text) in [
+        (
+            &[0.2, 0.9][..],
+            &[][..],
+            "SOC 0.50; it is used up to 0.40 of charge",
+        ),
+        (&[], &[15.0], "25.0 °C; it is used up to 10.0 K"),
+        (
+            &[0.5, 0.6],
+            &[25.0],
+            "SOC 0.50 and 25.0 °C; it is used up to 0.10 of charge and 0.0 K",
+        ),
+    ] {
+        assert_eq!(
+            model.away_note(soc, degc).unwrap(),
+            format!("{start}{text}{end}")
+        );
+    }
+    assert_eq!(model.away_note(&[0.5], &[]), None);
+    assert_eq!(model.away_note(&[], &[]), None);
+}
