@@ -111,7 +111,7 @@ fn cells_of_a_map_warm_and_the_middle_is_the_hottest() {
     assert!(hottest["place"] == 2 && (hottest["group"] == 2 || hottest["group"] == 3));
     assert!(of(&together, "coldest")["place"] != 2, "{together}");
     assert!(together["interconnect_heat_j"]["p50"].as_f64().unwrap() > 100.0);
-    for name in ["hottest_degc", "coldest_degc", "temperature_spread_k"] {
+    for name in ["hottest_degc", "lowest_peak_degc", "temperature_spread_k"] {
         let p = &together[name];
         assert!(p["p5"].as_f64().unwrap() <= p["p95"].as_f64().unwrap());
     }
@@ -156,8 +156,58 @@ fn a_map_that_is_left_is_reported_with_the_cell() {
     assert!(
         report["notes"]
             .to_string()
-            .contains("66.5 J/K are those of")
+            .contains("66.5 J/K are the default of a P45B (70 g, 950 J/(kg·K))")
     );
+}
+
+#[test]
+fn a_size_takes_the_resistance_of_the_map_where_the_voltage_has_it() {
+    let folder = folder();
+    let map = read_json(&folder.path().join("warming.json"));
+    let size = [
+        "pack",
+        "size",
+        "--series",
+        "4",
+        "--parallel",
+        "3",
+        "--model",
+        "warming.json",
+    ];
+    let of = |ocv_v: &str, degc: &str| {
+        let words = ["--ocv-v", ocv_v, "--ambient-degc", degc];
+        let report = answer(folder.path(), &[&size[..], &words].concat());
+        (
+            report["dcir_ohm"].as_f64().unwrap(),
+            report["model_notes"].to_string(),
+        )
+    };
+    let (warm, note) = of("3.7", "25");
+    assert!(
+        note.contains("the DC resistance is that of the map at SOC 0."),
+        "{note}"
+    );
+    assert!(note.contains(" and 25.0 °C"), "{note}");
+    let (cold, _) = of("3.7", "11");
+    let (low, _) = of("3.3", "25");
+    assert!(
+        cold > 1.1 * warm && low > 1.05 * warm,
+        "{warm} {cold} {low}"
+    );
+    // Before, the point of the file was taken, whatever the voltage.
+    let branches = map["branches"].as_array().unwrap().iter();
+    let of_file: f64 = branches
+        .map(|branch| branch["r_ohm"].as_f64().unwrap())
+        .sum();
+    assert!((low / (of_file + map["r_ohm"].as_f64().unwrap()) - 1.0).abs() > 0.02);
+    let (_, note) = of("3.7", "-20");
+    assert!(
+        note.contains("there the resistances are extrapolated"),
+        "{note}"
+    );
+    let words = ["--ocv-v", "4.9"];
+    let error = refused(folder.path(), &[&size[..], &words].concat());
+    assert!(error.contains("--ocv-v: "), "{error}");
 }
 
 #[test]
@@ -187,12 +237,21 @@ fn what_the_heat_of_a_pack_cannot_be_is_refused_by_name() {
         ),
         (
             ["--cell-mass-kg", "-1"],
-            "mass of a cell in kg: expected a number above 0, met -1",
+            "--specific-heat: expected both --cell-mass-kg and --specific-heat, or neither",
+        ),
+        (
+            ["--specific-heat", "900"],
+            "--cell-mass-kg: expected both --cell-mass-kg and --specific-heat, or neither: together \
+            they replace the 45.0 J/K of the map",
         ),
     ] {
         let error = refused(folder.path(), &[&base[..], &words].concat());
         assert!(error.contains(text), "{error}");
     }
+    let words = ["--cell-mass-kg", "-1", "--specific-heat", "900"];
+    let error = refused(folder.path(), &[&base[..], &words].concat());
+    let text = "mass of a cell in kg: expected a number above 0, met -1";
+    assert!(error.contains(text), "{error}");
     let words = ["--model", "map/map.json", "--side-share", "0.5"];
     let error = refused(folder.path(), &[&PACK[..], &words].concat());
     assert!(
@@ -231,7 +290,7 @@ fn a_model_of_one_point_says_that_it_keeps_its_resistances() {
     let size = [&size[..], &["--ocv-v", "3.7", "--model", &model]].concat();
     let report = answer(folder.path(), &size);
     assert!(report["model_notes"].to_string().contains(text), "{report}");
-    // Temperatures do not act back, but they are known.
+    // Temperatures do not change the resistances, but they are known.
     let report = answer(folder.path(), &[&PACK[..], &words].concat());
     let (rise, degc) = (
         report["identical"]["hottest_rise_k"].as_f64().unwrap(),

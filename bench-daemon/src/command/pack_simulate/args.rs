@@ -38,7 +38,8 @@ With a map each cell has its own state of charge and temperature, which its resi
 Heat warms a cell by its heat capacity and
 leaves it to the surroundings (--path-k-per-w), to its neighbours (--neighbour-w-per-k) and to the \
 busbars (--busbar-w-per-k). The groups
-form the rows of a grid of S by P cells. Without a map the temperatures do not act back.
+form the rows of a grid of S by P cells. Without a map the temperatures do not change the \
+resistances.
 
 Example:
   eis-bench pack simulate --model p45b/model_4rc.json --profile spin_jump.txt --series 16 \

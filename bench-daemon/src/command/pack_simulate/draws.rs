@@ -12,7 +12,7 @@ use bench_core::safety::failure::Failure;
 pub(super) fn write(out: &Path, met: &Scatter) -> Result<(), Failure> {
     type Column = (ColumnSpec, fn(&Outcome) -> f64);
     let spec = |name, unit, doc| ColumnSpec { name, unit, doc };
-    let columns: [Column; 17] = [
+    let columns: [Column; 19] = [
         (spec("min_cell_v", "V", "lowest voltage of any cell"), |o| {
             o.min_cell_v
         }),
@@ -75,11 +75,19 @@ pub(super) fn write(out: &Path, met: &Scatter) -> Result<(), Failure> {
         ),
         (
             spec(
-                "coldest_degc",
+                "lowest_peak_degc",
                 "degC",
                 "highest temperature of the cell that stays coldest",
             ),
-            |o| o.temperatures.coldest_degc,
+            |o| o.temperatures.lowest_peak_degc,
+        ),
+        (
+            spec("coldest_group", "1", "the group of that cell, from 1"),
+            |o| o.temperatures.coldest.group as f64,
+        ),
+        (
+            spec("coldest_place", "1", "its place in the group, from 1"),
+            |o| o.temperatures.coldest.place as f64,
         ),
         (
             spec(

@@ -3,6 +3,7 @@
 use analysis::{
     forward::pack::PackThermal,
     map::{CellMap, TEMPERATURES_DEGC},
+    pack::ThermalMass,
 };
 use clap::Args;
 
@@ -15,7 +16,8 @@ use bench_plan::config::quantity::Temperature;
 /// Where the heat of the cells goes.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct HeatArgs {
-    /// Mass and specific heat of a cell; a map with a heat capacity replaces their defaults.
+    /// Mass and specific heat of a cell; for a map with a heat capacity, which they replace, both or
+    /// neither.
     #[command(flatten)]
     pub mass: ThermalArgs,
     /// Temperature of the surroundings, and of the cells at the start, °C.
@@ -72,6 +74,13 @@ impl HeatArgs {
         mass.check()
             .map_err(|error| Failure::Usage(error.to_string()))?;
         let of_map = map.and_then(|map| map.thermal);
+        if let (Some(of_map), Some(missing)) = (of_map, self.mass.missing()) {
+            return Err(Failure::Usage(format!(
+                "{missing}: expected both --cell-mass-kg and --specific-heat, or neither: together \
+                they replace the {:.1} J/K of the map",
+                of_map.capacity_j_per_k
+            )));
+        }
         let given = self.mass.is_given()
             || self.path_k_per_w.is_some()
             || self.neighbour_w_per_k > 0.0
@@ -131,7 +140,7 @@ impl HeatArgs {
 }
 
 /// Returns notes on temperatures that a model lacks.
-pub(super) fn notes(thermal: &PackThermal, map: Option<&CellMap>) -> Vec<String> {
+pub(super) fn notes(args: &HeatArgs, thermal: &PackThermal, map: Option<&CellMap>) -> Vec<String> {
     let mut notes = Vec::new();
     match map {
         Some(_) if thermal.held => notes.push(
@@ -139,15 +148,11 @@ pub(super) fn notes(thermal: &PackThermal, map: Option<&CellMap>) -> Vec<String>
             --cell-mass-kg, --specific-heat and --path-k-per-w let them warm"
                 .to_owned(),
         ),
-        Some(map) if map.thermal.is_none() => notes.push(format!(
-            "the map has no heat capacity: {:.1} J/K are those of --cell-mass-kg and \
-            --specific-heat",
-            thermal.capacity_j_per_k
-        )),
+        Some(map) if map.thermal.is_none() => notes.extend(default_note(args.mass)),
         Some(_) => (),
         None => notes.push(
-            "a model of one point has one resistance at every temperature: the heat does not act \
-            back"
+            "a model of one point has one resistance at every temperature: heat does \
+            not change it"
                 .to_owned(),
         ),
     }
@@ -158,4 +163,25 @@ pub(super) fn notes(thermal: &PackThermal, map: Option<&CellMap>) -> Vec<String>
         );
     }
     notes
+}
+
+/// Returns a note on the mass and the specific heat that are not given; `None` if both are.
+fn default_note(given: ThermalArgs) -> Option<String> {
+    let (mass, usual) = (given.mass(), ThermalMass::P45B);
+    let missing = match (given.cell_mass_kg, given.specific_heat) {
+        (Some(_), Some(_)) => return None,
+        (None, None) => "--cell-mass-kg and --specific-heat",
+        (Some(_), None) => "--specific-heat",
+        (None, Some(_)) => "--cell-mass-kg",
+    };
+    let (capacity, origin) = (
+        mass.mass_kg * mass.specific_heat_j_per_kg_k,
+        if given.is_given() { "contain" } else { "are" },
+    );
+    Some(format!(
+        "the map has no heat capacity: {capacity:.1} J/K {origin} the default of a P45B ({:.0} g, {} \
+        J/(kg·K)); give {missing}",
+        1e3 * usual.mass_kg,
+        usual.specific_heat_j_per_kg_k
+    ))
 }

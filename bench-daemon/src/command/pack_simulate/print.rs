@@ -110,6 +110,13 @@ pub(super) fn print(r: &PackReport, setup: &ScatterSetup<'_>, packs: Option<&[Ve
     for note in &r.notes {
         say!("  note: {note}");
     }
+    if r.step_error_k > 0.1 {
+        say!(
+            "  note: half the step moves the highest temperature by {:.2} K; give a smaller \
+            --max-step-s",
+            r.step_error_k
+        );
+    }
     if r.step_error_v > 1e-3 {
         say!(
             "  note: half the step moves the lowest voltage by {:.1} mV; give a smaller \
@@ -139,8 +146,8 @@ fn print_temperatures(r: &PackReport) {
         );
         row(
             "coldest cell / °C",
-            identical.coldest_degc,
-            &r.coldest_degc,
+            identical.lowest_peak_degc,
+            &r.lowest_peak_degc,
             2,
         );
         let spread = &r.temperature_spread_k;
@@ -156,7 +163,7 @@ fn print_temperatures(r: &PackReport) {
             hottest.hottest,
             hottest.hottest_time_s,
             hottest.coldest,
-            hottest.coldest_degc
+            hottest.lowest_peak_degc
         );
     }
 }

@@ -76,7 +76,7 @@ pub(super) struct PackReport {
     /// Highest temperature of any cell, °C.
     pub(super) hottest_degc: Percentiles,
     /// Highest temperature of the cell that stays coldest, °C.
-    pub(super) coldest_degc: Percentiles,
+    pub(super) lowest_peak_degc: Percentiles,
     /// Largest difference between two cells at one instant, K.
     pub(super) temperature_spread_k: Percentiles,
     /// Heat of the interconnect and of the tabs, J.
@@ -85,17 +85,21 @@ pub(super) struct PackReport {
     pub(super) hottest: Option<Temperatures>,
     /// Its number, from 1.
     pub(super) hottest_draw: Option<usize>,
-    /// Farthest way of any cell out of the range of the map; `None` without a map.
+    /// Largest distance of any cell outside the range of the map; `None` without a map.
     pub(super) outside_map: Option<OutsideMap>,
     /// Change of the lowest voltage with half the step, V.
     pub(super) step_error_v: f64,
+    /// Change of the highest temperature with half the step, K.
+    pub(super) step_error_k: f64,
+    /// Steps of all packs whose equations were not solved to their tolerance.
+    pub(super) unsettled_steps: u64,
     /// Warnings of the model's fit.
     pub(super) model_warnings: Vec<String>,
     /// Limits of the model, and the treatment of its additions.
     pub(super) notes: Vec<String>,
 }
 
-/// Farthest way out of the range of a map over all draws, and the cells that go there.
+/// Largest distance outside the range of a map over all draws, and the cells that go there.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub(super) struct OutsideMap {
     #[serde(flatten)]
@@ -220,19 +224,16 @@ pub(super) fn report(
         hottest_rise_k: over(|o| o.hottest_rise_k),
         thermal: setup.thermal,
         hottest_degc: over(|o| o.temperatures.hottest_degc),
-        coldest_degc: over(|o| o.temperatures.coldest_degc),
+        lowest_peak_degc: over(|o| o.temperatures.lowest_peak_degc),
         temperature_spread_k: over(|o| o.temperatures.spread_k),
         interconnect_heat_j: over(|o| o.interconnect_heat_j),
         hottest: hottest.map(|(_, outcome)| outcome.temperatures),
         hottest_draw: hottest.map(|(index, _)| index + 1),
         step_error_v: met.step_error_v,
+        step_error_k: met.step_error_k,
+        unsettled_steps: unsettled(met),
         model_warnings: model.warnings.clone(),
-        notes: notes(
-            setup,
-            model,
-            outside_map.as_ref(),
-            hottest.map(|(_, outcome)| outcome),
-        ),
+        notes: notes(setup, model, args, outside_map.as_ref(), met),
         outside_map,
     }
 }
@@ -241,16 +242,33 @@ pub(super) fn report(
 fn notes(
     setup: &ScatterSetup<'_>,
     model: &GivenModel,
+    args: &PackSimulateArgs,
     outside_map: Option<&OutsideMap>,
-    hottest: Option<&Outcome>,
+    met: &Scatter,
 ) -> Vec<String> {
     let mut notes = model.notes();
     notes.extend(files::addition_notes(model));
     notes.extend(outside_map.and_then(OutsideMap::note));
-    let soc = matches!(setup.ocv, OcvSource::Curve(_)).then_some(setup.soc);
-    let mut degc = vec![setup.thermal.ambient_degc];
-    degc.extend(hottest.map(|outcome| outcome.temperatures.hottest_degc));
-    notes.extend(model.away_note(soc.as_slice(), &degc));
-    notes.extend(heat::notes(&setup.thermal, setup.map));
+    let ranges = met.outcomes.iter().filter_map(|outcome| outcome.soc_range);
+    let soc: Vec<f64> = ranges
+        .flat_map(|range| [range.lowest, range.highest])
+        .collect();
+    let hottest = met.outcomes.iter().map(|o| o.temperatures.hottest_degc);
+    let degc: Vec<f64> = hottest.chain([setup.thermal.ambient_degc]).collect();
+    notes.extend(model.away_note(&soc, &degc));
+    notes.extend(heat::notes(&args.heat, &setup.thermal, setup.map));
+    let unsettled = unsettled(met);
+    if unsettled > 0 {
+        notes.push(format!(
+            "{unsettled} steps of all packs ended before their currents and temperatures settled; \
+            give a smaller --max-step-s"
+        ));
+    }
     notes
+}
+
+/// Counts the steps of all packs whose equations were not solved to their tolerance.
+fn unsettled(met: &Scatter) -> u64 {
+    let packs = met.outcomes.iter().chain([&met.identical]);
+    packs.map(|outcome| outcome.unsettled_steps).sum()
 }
