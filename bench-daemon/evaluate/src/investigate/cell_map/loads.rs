@@ -103,7 +103,8 @@ fn repeated(profile: &Profile) -> Profile {
     long
 }
 
-/// Averages a demand that holds between its rows over windows of whole rows.
+/// Averages a demand that holds between its rows over windows of whole rows; of a resistance, its inverse,
+/// which the power follows.
 fn averaged(profile: &Profile) -> Profile {
     let mut coarse = Profile {
         time_s: Vec::new(),
@@ -113,13 +114,17 @@ fn averaged(profile: &Profile) -> Profile {
     let (Some(first_s), Some(last_s)) = (profile.time_s.first(), profile.time_s.last()) else {
         return coarse;
     };
+    let counted = |value: f64| match profile.demand {
+        Demand::Resistance => 1.0 / value,
+        Demand::Current | Demand::Power => value,
+    };
     let (mut from_s, mut sum) = (*first_s, 0.0);
     for (times_s, value) in profile.time_s.windows(2).zip(&profile.value) {
-        sum += value * (times_s[1] - times_s[0]);
+        sum += counted(*value) * (times_s[1] - times_s[0]);
         let span_s = times_s[1] - from_s;
         if span_s >= WINDOW_S || times_s[1] == *last_s {
             coarse.time_s.push(from_s);
-            coarse.value.push(sum / span_s);
+            coarse.value.push(counted(sum / span_s));
             (from_s, sum) = (times_s[1], 0.0);
         }
     }
@@ -280,6 +285,19 @@ mod tests {
         // 2 J − 0.8 J + 0.3 J over 70 ms.
         let expected = [1.5 / 0.07, 250.0, 30.0, 0.0];
         for (found, expected) in coarse.value.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-9, "{coarse:?}");
+        }
+    }
+
+    #[test]
+    fn an_averaged_resistance_takes_the_same_power_at_one_voltage() {
+        let rows = [(0.0, 1.0), (0.03, 4.0), (0.06, 2.0), (1.0, 2.0)];
+        let hold = Interpolation::Hold;
+        let profile = Profile::new("p", Demand::Resistance, hold, &rows).unwrap();
+        let coarse = averaged(&profile);
+        assert_eq!(coarse.time_s, [0.0, 0.06, 1.0]);
+        // The mean of 1 S and 0.25 S is 0.625 S.
+        for (found, expected) in coarse.value.iter().zip([1.6, 2.0, 2.0]) {
             assert!((found - expected).abs() < 1e-9, "{coarse:?}");
         }
     }
