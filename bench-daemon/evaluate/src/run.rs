@@ -5,6 +5,7 @@
 
 mod auto_resume;
 mod drive;
+mod inherited;
 mod manifest;
 mod map_points;
 mod measured;

@@ -89,6 +89,9 @@ pub enum Failure {
         folder = pasted(Path::new(.0))
     )]
     Interrupted(String),
+    /// A stop request came while no run was in progress.
+    #[error("{0}")]
+    Stopped(String),
     /// A bug in the program.
     #[error("a mistake of the program ended the run, please report it: {0}")]
     Panic(String),
@@ -213,7 +216,7 @@ impl Failure {
             Self::Differs(_) => 10,
             Self::Refused { .. } => REFUSED_CODE,
             Self::Invalid(_) => INVALID_CODE,
-            Self::Interrupted(_) => 130,
+            Self::Interrupted(_) | Self::Stopped(_) => 130,
         }
     }
 }

@@ -22,10 +22,10 @@ use std::{
 pub(crate) use records::OtherResults;
 
 use super::{
-    FINISHED, multisine, results, resume_context, run_accumulator::RunAccumulator, sweep_writer,
+    FINISHED, inherited::inherited_correction, multisine, results, resume_context,
+    run_accumulator::RunAccumulator, sweep_writer,
 };
 use analysis::{
-    calibration::Correction,
     dataset::{self, Capture, CaptureFile, CaptureMeta},
     ocv::OcvCurve,
     run_folder::{
@@ -222,7 +222,7 @@ impl Recorded {
         whole: bool,
     ) -> Result<OtherResults, Failure> {
         let (mut recorder, mut others) = (self.recorder(out)?, OtherResults::default());
-        let inherited = self.inherited_correction()?;
+        let inherited = inherited_correction(&self.experiment, &self.folder)?;
         if let Some(correction) = &inherited {
             recorder.json(CORRECTION, correction)?;
         }
@@ -460,19 +460,6 @@ impl Recorded {
         points
             .filter_map(|done| ControlPotentials::of(&done.point, shunt_ohm))
             .collect()
-    }
-
-    /// Returns the correction of an earlier run if this run had no controls of its own.
-    fn inherited_correction(&self) -> Result<Option<Correction>, Failure> {
-        let path = self.folder.join(CORRECTION);
-        if self.experiment.fixture_check.is_some() || !path.exists() {
-            return Ok(None);
-        }
-        let failed = |error: String| Failure::Usage(format!("{}: {error}", path.display()));
-        let text = fs::read_to_string(&path).map_err(|error| failed(error.to_string()))?;
-        serde_json::from_str(&text)
-            .map(Some)
-            .map_err(|error| failed(error.to_string()))
     }
 
     /// Creates a folder with the readings and notes of the run, but without derived results.

@@ -10,7 +10,9 @@ use instruments::{
 use tokio::runtime::Runtime;
 use tracing::Instrument;
 
-use super::{Finished, ResumeContext, play::Run, stop::StopSignals, traced};
+use super::{
+    Finished, ResumeContext, inherited::inherited_by, play::Run, stop::StopSignals, traced,
+};
 use bench_core::{
     operator::Operator, record::Recorder, safety::bench_lease, safety::failure::Failure,
     sim::Simulation, watch::Pace,
@@ -103,11 +105,22 @@ impl Session {
     }
 
     /// Installs the stop signals from here on, even if they are not being waited for yet.
-    fn signals(&self) -> Result<StopSignals, Failure> {
+    pub(crate) fn signals(&self) -> Result<StopSignals, Failure> {
         let Some(runtime) = &self.runtime else {
             return Err(ended());
         };
         Ok(runtime.block_on(async { StopSignals::install() })?)
+    }
+
+    /// Checks whether a stop signal has arrived since the last check, also while nothing waited for it.
+    pub(crate) fn has_stopped(&self, stop: &mut StopSignals) -> bool {
+        self.runtime.as_ref().is_some_and(|runtime| {
+            runtime.block_on(async {
+                // The runtime takes signals from the system only when its tasks wait.
+                tokio::task::yield_now().await;
+                stop.came().await
+            })
+        })
     }
 
     pub(super) fn play(
@@ -140,6 +153,10 @@ impl Session {
             .correction
             .clone()
             .filter(|_| experiment.fixture_check.is_none());
+        let inherited = match (inherited, &context) {
+            (None, Some(context)) => inherited_by(experiment, folder, context.inherited())?,
+            (inherited, _) => inherited,
+        };
         bench_lease::refuse(&experiment.bench)?;
         let drill = Drill::from_environment(experiment.bench.simulation.is_some())
             .map_err(Failure::Usage)?;
@@ -257,4 +274,30 @@ fn refuse_without_person(experiment: &Experiment, operator: Operator) -> Result<
         ));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bench_plan::config::load_experiment;
+
+    #[test]
+    fn a_stop_signal_between_two_runs_is_seen_once() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/experiments/map.toml");
+        let experiment = load_experiment(&file, None).unwrap();
+        let session = Session::new(&experiment.bench).unwrap();
+        let mut stop = session.signals().unwrap();
+        assert!(!session.has_stopped(&mut stop));
+        let kill = format!("kill -HUP {}", std::process::id());
+        let sent = std::process::Command::new("sh")
+            .args(["-c", &kill])
+            .status();
+        assert!(sent.unwrap().success());
+        let seen = (0..1000).any(|_| {
+            std::thread::sleep(std::time::Duration::from_millis(10));
+            session.has_stopped(&mut stop)
+        });
+        assert!(seen);
+        assert!(!session.has_stopped(&mut stop));
+    }
 }
