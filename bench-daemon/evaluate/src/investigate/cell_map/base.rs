@@ -4,13 +4,15 @@
 use std::{
     fmt::Write as _,
     path::{Component, Path, PathBuf},
+    sync::Arc,
 };
 
 use analysis::map::{Measurement, Next};
 use bench_core::safety::failure::Failure;
 use bench_plan::{
     config::{
-        ConfigError, Experiment, MapPlace, MapProcedure, Source, Temperature, resolve_experiment,
+        ConfigError, Copies, Experiment, MapPlace, MapProcedure, Source, Temperature,
+        resolve_experiment,
     },
     plan::percent,
     procedure,
@@ -22,6 +24,8 @@ pub struct Base {
     experiment: Experiment,
     map: MapProcedure,
     temperature: Temperature,
+    /// Its file, which opens bench, cell and scenario as they were when the experiment was read: an edit
+    /// of them during an investigation does not change its limits.
     source: Source,
     /// The file of the bench.
     bench: PathBuf,
@@ -44,10 +48,12 @@ impl Base {
                 found none";
             return Err(source.complain("(whole file)", reason).into());
         };
+        let text = |source: &Source| (source.path().to_owned(), source.text().to_owned());
+        let copies: Copies = experiment.sources.iter().map(text).collect();
         Ok(Self {
             map: map.clone(),
             temperature,
-            source: source.clone(),
+            source: Source::copy(source.path(), &Arc::new(copies))?,
             bench: bench.path().to_owned(),
             experiment: experiment.clone(),
         })
@@ -63,12 +69,14 @@ impl Base {
         &self.map
     }
 
-    /// Returns an experiment that measures points.
+    /// Returns an experiment that measures points after the base on the same bench, whose correction stays:
+    /// it has no `[fixture_check]`.
     ///
     /// # Errors
     /// [`ConfigError`] for a point that the limits of cell and bench do not allow.
     pub fn at(&self, name: &str, places: &[MapPlace]) -> Result<Experiment, ConfigError> {
-        let text = self.edited(name, places, None)?;
+        let text = without_controls(&self.edited(name, places, None)?);
+        self.check_edit(&text, &[CONTROLS])?;
         let source = self.source.with_text(self.source.path(), text);
         let mut experiment = resolve_experiment(source, Some(&self.bench))?;
         experiment.seed = self.experiment.seed;
@@ -78,18 +86,16 @@ impl Base {
     /// Returns the text of a file that measures points, after checking it as `plan` does.
     ///
     /// # Errors
-    /// A file of bench or cell that cannot be read; a point that the limits of cell and bench do not
+    /// A file of bench or cell that cannot be read or has changed since the experiment was read; a point that the limits of cell and bench do not
     /// allow.
     pub fn text_at(&self, file: &Path, places: &[MapPlace]) -> Result<String, Failure> {
         let name = named(file);
         let folder = folder_of(file);
         let text = self.edited(&name, places, Some(folder))?;
+        self.check_edit(&text, &["bench", "cell"])?;
         // What the file names is read from the disk, also if the base is a copy in a run folder.
-        let of_disk = Source::read(&self.bench).map_err(|error| {
-            Failure::Usage(format!(
-                "{error}; --experiment gives another experiment with a [map]"
-            ))
-        })?;
+        self.check_unchanged()?;
+        let of_disk = Source::read(&self.bench)?;
         let experiment = resolve_experiment(of_disk.with_text(file, text.clone()), None)?;
         procedure::plan(&experiment).check(&experiment.cell.limits)?;
         let same = experiment
@@ -98,6 +104,55 @@ impl Base {
         same.then_some(text).ok_or_else(|| {
             let reason = "expected `soc` or `points` as one list in brackets";
             self.source.complain("map", reason).into()
+        })
+    }
+
+    /// Refuses files of bench, cell and scenario that differ from those with which the experiment was read.
+    fn check_unchanged(&self) -> Result<(), Failure> {
+        const OTHER: &str = "--experiment gives another experiment with a [map]";
+        for known in self.experiment.sources.iter().skip(1) {
+            let found = Source::read(known.path())
+                .map_err(|error| Failure::Usage(format!("{error}; {OTHER}")))?;
+            if found.text() != known.text() {
+                return Err(Failure::Usage(format!(
+                    "{}: expected the file as it was in the run that the experiment continues, found \
+                    another text; {OTHER}",
+                    known.path().display()
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks that an edited text differs from the base in its name, its points and these fields only.
+    fn check_edit(&self, text: &str, fields: &[&str]) -> Result<(), ConfigError> {
+        let bare = |text: &str| {
+            let mut table: toml::Table = text.parse().ok()?;
+            table.remove("name");
+            for field in fields {
+                table.remove(*field);
+            }
+            let map = table.get_mut("map")?.as_table_mut()?;
+            map.remove("soc");
+            map.remove("points");
+            Some(table)
+        };
+        let source = &self.source;
+        if fields.contains(&CONTROLS)
+            && source
+                .with_text(source.path(), text.to_owned())
+                .place_of(CONTROLS)
+                .is_some()
+        {
+            let reason = "expected sections with headers of their own, [fixture_check] and \
+                [fixture_check.…], which further runs leave out; found another form";
+            return Err(source.complain(CONTROLS, reason));
+        }
+        let same = bare(text).is_some_and(|edited| Some(edited) == bare(source.text()));
+        same.then_some(()).ok_or_else(|| {
+            let reason =
+                "expected `soc` or `points` as one list in brackets, which other points replace";
+            source.complain("map", reason)
         })
     }
 
@@ -114,10 +169,17 @@ impl Base {
         let place = listed.iter().find_map(|field| source.place_of(field));
         let place = place
             .ok_or_else(|| source.complain("map", "expected `soc` or `points`, found neither"))?;
+        // The header of a list of sections is neither key nor value of a line.
+        let line = source.text()[..place.key.start].rsplit('\n').next();
+        if line.is_some_and(|line| line.trim_start().starts_with('[')) {
+            let reason = "expected `points` as one list in brackets, found sections [[map.points]]";
+            return Err(source.complain("map.points", reason));
+        }
         let mut edits = vec![(place.key.start..place.value.end, points_text(places))];
         let mut value = |field: &str, text: &str| {
             if let Some(place) = source.place_of(field) {
-                edits.push((place.value, format!("{text:?}")));
+                let text = toml::Value::String(text.to_owned()).to_string();
+                edits.push((place.value, text));
             }
         };
         value("name", name);
@@ -170,6 +232,26 @@ impl Base {
         });
         places
     }
+}
+
+/// The section of the controls.
+const CONTROLS: &str = "fixture_check";
+
+/// Returns a text without the sections of the controls.
+fn without_controls(text: &str) -> String {
+    let mut kept = String::new();
+    let mut inside = false;
+    for line in text.split_inclusive('\n') {
+        let header = line.trim_start().strip_prefix('[');
+        if let Some((name, _)) = header.and_then(|header| header.split_once(']')) {
+            let first = name.trim_start_matches('[').split('.').next();
+            inside = first.is_some_and(|first| first.trim() == CONTROLS);
+        }
+        if !inside {
+            kept.push_str(line);
+        }
+    }
+    kept
 }
 
 /// Checks whether two lists of points are the same within the digits of a file.
@@ -304,6 +386,9 @@ mod tests {
         assert_eq!(experiment.name, "next");
         // 70 % in the file are not 0.7 to the last digit.
         assert!(are_same(&experiment.map.unwrap().places, &expected));
+        // The correction of the base stays, also in the text that a run folder keeps.
+        assert!(experiment.fixture_check.is_none());
+        assert!(!experiment.sources[0].text().contains(CONTROLS));
         // The limits are those of the base.
         assert_eq!(
             experiment.cell.limits.max_v,
@@ -314,6 +399,78 @@ mod tests {
         assert!(
             refused.contains("map.points.1.temperature: expected one of the temperatures of [map]"),
             "{refused}"
+        );
+    }
+
+    /// The example with another text, beside copies of its bench, cell and scenario.
+    fn edited(folder: &Path, from: &str, to: &str) -> (PathBuf, Base) {
+        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
+        for name in ["benches/map.toml", "cells/p45b.toml", "scenarios/map.toml"] {
+            let copy = folder.join(name);
+            std::fs::create_dir_all(copy.parent().unwrap()).unwrap();
+            std::fs::copy(configs.join(name), copy).unwrap();
+        }
+        let text = std::fs::read_to_string(configs.join("experiments/map.toml")).unwrap();
+        assert!(text.contains(from), "{from}");
+        let file = folder.join("experiments/map.toml");
+        std::fs::create_dir_all(folder.join("experiments")).unwrap();
+        std::fs::write(&file, text.replace(from, to)).unwrap();
+        let base = Base::of(&load_experiment(&file, None).unwrap()).unwrap();
+        (file, base)
+    }
+
+    const PLACE: MapPlace = MapPlace {
+        soc: 0.5,
+        temperature_degc: 25.0,
+        spectrum: true,
+        pulses: true,
+    };
+
+    #[test]
+    fn a_cell_file_that_changes_leaves_the_rounds_alone_and_refuses_a_written_file() {
+        let outer = tempfile::tempdir().unwrap();
+        // A path whose characters Rust and TOML write in different ways.
+        let folder = outer.path().join("a\u{200b}b");
+        let (_, base) = edited(&folder, "seed = 1", "seed = 2");
+        let next = outer.path().join("next.toml");
+        let text = base.text_at(&next, &[PLACE]).unwrap();
+        assert!(text.contains("[fixture_check]"), "{text}");
+        let cell = folder.join("cells/p45b.toml");
+        std::fs::write(&cell, "name = 3\n").unwrap();
+        let experiment = base.at("next", &[PLACE]).unwrap();
+        assert_eq!(
+            experiment.cell.limits.max_v,
+            base.experiment().cell.limits.max_v
+        );
+        let refused = base.text_at(&next, &[PLACE]).unwrap_err().to_string();
+        assert!(
+            refused.contains("p45b.toml: expected the file as it was in the run"),
+            "{refused}"
+        );
+    }
+
+    #[test]
+    fn points_as_sections_are_refused_and_controls_are_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let soc = "soc = [\"90 %\", \"50 %\", \"20 %\"]\n";
+        let sections = "\n[[map.points]]\nsoc = \"50 %\"\ntemperature = \"25 °C\"\n\n[eis]";
+        let (file, _) = edited(folder.path(), "seed = 1", "seed = 2");
+        let text = std::fs::read_to_string(&file).unwrap();
+        let text = text.replace(soc, "").replace("\n[eis]", sections);
+        std::fs::write(&file, text).unwrap();
+        let base = Base::of(&load_experiment(&file, None).unwrap()).unwrap();
+        let refused = base.at("next", &[PLACE]).unwrap_err().to_string();
+        assert!(
+            refused.ends_with(
+                "map.points: expected `points` as one list in brackets, found sections [[map.points]]"
+            ),
+            "{refused}"
+        );
+        assert_eq!(
+            without_controls(
+                "[a]\nx = 1\n[ fixture_check.shunt ]\ny = 2\n[fixture_check]\n[[b]]\nz = 3\n"
+            ),
+            "[a]\nx = 1\n[[b]]\nz = 3\n"
         );
     }
 

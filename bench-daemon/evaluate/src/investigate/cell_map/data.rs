@@ -6,11 +6,14 @@ use analysis::{
     diagnosis::{Fixture, Run, RunData, Start},
     map::{MapData, MapLog, MapPoint, MapSpectrum, soc_of_point},
     ocv::OcvCurve,
-    run_folder::{self, MAP_POINTS},
+    run_folder::{MAP_POINTS, MapPoint as Row, read_map_points},
     series::{Role, TimeSeries},
 };
 use bench_core::safety::failure::Failure;
-use bench_plan::support::terminal::remark;
+use bench_plan::{
+    config::{MapPlace, MapProcedure},
+    support::terminal::remark,
+};
 
 use crate::investigate::dataset::Loaded;
 
@@ -88,15 +91,15 @@ pub fn add_folder(
 }
 
 /// The points of a run folder of `[map]`; none for other folders.
-fn points(path: &Path) -> Result<Vec<run_folder::MapPoint>, Failure> {
-    if !path.join(MAP_POINTS).is_file() {
+fn points(path: &Path) -> Result<Vec<Row>, Failure> {
+    if !path.join(MAP_POINTS).exists() {
         return Ok(Vec::new());
     }
-    run_folder::read_map_points(path).map_err(|error| Failure::Usage(error.to_string()))
+    read_map_points(path).map_err(|error| Failure::Usage(error.to_string()))
 }
 
 /// The SOC of the point that a run belongs to.
-fn counted(run: &Run, points: &[run_folder::MapPoint], curve: &OcvCurve) -> Option<f64> {
+fn counted(run: &Run, points: &[Row], curve: &OcvCurve) -> Option<f64> {
     let is_own = |file: &PathBuf| {
         let name = file.file_name().and_then(|name| name.to_str());
         name.and_then(|name| name.split('.').next()) == Some(run.name.as_str())
@@ -105,6 +108,24 @@ fn counted(run: &Run, points: &[run_folder::MapPoint], curve: &OcvCurve) -> Opti
         .iter()
         .find(|point| point.spectrum.iter().chain(&point.series).any(is_own))?;
     soc_of_point(point.soc, point.ocv_v, curve)
+}
+
+/// Returns the points of a map that a run has measured, with what it has measured at each.
+///
+/// # Errors
+/// A table of points that cannot be read.
+pub fn measured_places(folder: &Path, map: &MapProcedure) -> Result<Vec<MapPlace>, Failure> {
+    let rows = points(folder)?;
+    let place = |row: &Row| {
+        let planned = map.place(row.number)?;
+        let place = MapPlace {
+            spectrum: row.spectrum.is_some(),
+            pulses: !row.series.is_empty(),
+            ..*planned
+        };
+        (place.spectrum || place.pulses).then_some(place)
+    };
+    Ok(rows.iter().filter_map(place).collect())
 }
 
 /// The SOC at the start of a run.

@@ -21,8 +21,8 @@ pub struct Offers {
 }
 
 impl Offers {
-    /// Finds what an experiment can measure at each of its temperatures: at every 10 % of charge and at
-    /// the charges of its own points.
+    /// Finds what an experiment can measure at each of its temperatures: at every 10 % of charge
+    /// between its own points, and at the charges of these.
     ///
     /// # Errors
     /// No point that the limits of cell and bench allow.
@@ -101,10 +101,15 @@ impl Offers {
     }
 }
 
-/// States of charge to choose from, rising: every 10 %, and those of the experiment.
+/// States of charge to choose from, rising: those of the experiment, and every 10 % between its lowest and
+/// its highest, for which its `resistance_max` was chosen.
 fn socs(base: &Base) -> Vec<f64> {
-    let own = base.map().places.iter().map(|place| place.soc);
-    let mut socs: Vec<f64> = Choices::SOC.into_iter().chain(own).collect();
+    let own = || base.map().places.iter().map(|place| place.soc);
+    let (low, high) = (own().fold(1.0, f64::min), own().fold(0.0, f64::max));
+    let between = Choices::SOC
+        .into_iter()
+        .filter(|soc| (low..=high).contains(soc));
+    let mut socs: Vec<f64> = between.chain(own()).collect();
     socs.sort_by(f64::total_cmp);
     // Of 70 % and 0.7, one is left.
     socs.dedup_by_key(|soc| percent(*soc));
@@ -172,4 +177,19 @@ fn parts_of(trace: &TracePlan) -> impl Iterator<Item = PulsePart> {
             current_a: 0.0 - level.current_a.value(),
             duration_s: (end_s - level.at_s).value(),
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bench_plan::config::load_experiment;
+    use std::path::Path;
+
+    #[test]
+    fn points_are_offered_within_the_charges_of_the_experiment_only() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/experiments/map.toml");
+        let base = Base::of(&load_experiment(&file, None).unwrap()).unwrap();
+        let offered: Vec<f64> = socs(&base).into_iter().map(percent).collect();
+        assert_eq!(offered, [20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0]);
+    }
 }
