@@ -18,7 +18,10 @@ use bench_evaluate::{
 };
 use bench_plan::{
     config::{Experiment, load_experiment},
-    support::terminal::{remark, say},
+    support::{
+        quoted::quoted,
+        terminal::{remark, say},
+    },
 };
 
 const HELP: &str = "\
@@ -156,9 +159,12 @@ fn end_of_map(
             say!("{}", round.line());
         }
         say!("{}", investigation.spent_text());
-        print_fit(&investigation.fit);
+        if let Some(fit) = &investigation.fit {
+            print_fit(fit);
+        }
         say!("stop: {}", investigation.ended.end_text);
         say!("written to {}", means.out.display());
+        print_continuation(args, &investigation, means);
     }
     match (
         investigation.failure.take(),
@@ -167,6 +173,31 @@ fn end_of_map(
         (Some(failure), _) => Err(failure),
         (None, 0) => Ok(()),
         (None, count) => Err(Failure::Refused { count }),
+    }
+}
+
+/// Prints the commands that go on from the runs of an investigation for a map, unless the aim is reached.
+fn print_continuation(args: &InvestigateArgs, investigation: &MapInvestigation, means: &Means<'_>) {
+    if investigation.ended.end == Some(End::ErrorReached) {
+        return;
+    }
+    if let Some(folder) = investigation.unfinished(means.out) {
+        say!(
+            "complete the last run: eis-bench resume {}",
+            quoted(&folder)
+        );
+    }
+    let runs = investigation.rounds.iter();
+    let runs: Vec<String> = runs
+        .map(|round| quoted(&means.out.join(&round.folder)))
+        .collect();
+    if !runs.is_empty() {
+        say!(
+            "choose further points: eis-bench map {} --next 4 {} --write {}",
+            runs.join(" "),
+            args.loads.words(),
+            quoted(&means.out.join("next.toml"))
+        );
     }
 }
 

@@ -1,8 +1,9 @@
 //! Arguments that give loads for which a map is to be good.
 
-use std::path::PathBuf;
+use std::{fmt::Write as _, path::PathBuf};
 
 use bench_evaluate::investigate::cell_map::loads::Demands;
+use bench_plan::support::quoted::quoted;
 
 /// Loads, and the pack that they are for.
 #[derive(Debug, Clone, clap::Args)]
@@ -31,6 +32,25 @@ pub struct LoadArgs {
 }
 
 impl LoadArgs {
+    /// The loads as words of a command line.
+    pub fn words(&self) -> String {
+        let mut words = String::new();
+        for path in &self.under {
+            // Writing into a string cannot fail.
+            let _ = write!(words, "--under {} ", quoted(path));
+        }
+        if !self.at_degc.is_empty() {
+            let degc: Vec<String> = self.at_degc.iter().map(f64::to_string).collect();
+            let _ = write!(words, "--at-degc={} ", degc.join(","));
+        }
+        let _ = write!(
+            words,
+            "--series {} --parallel {}",
+            self.series, self.parallel
+        );
+        words
+    }
+
     /// Returns the loads.
     pub fn demands(&self) -> Demands {
         Demands {
@@ -39,5 +59,24 @@ impl LoadArgs {
             series: self.series,
             parallel: self.parallel,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_words_of_loads_can_be_pasted() {
+        let loads = LoadArgs {
+            under: vec!["my loads/a.csv".into(), "b.csv".into()],
+            at_degc: vec![-10.0, 25.0],
+            series: 16,
+            parallel: 3,
+        };
+        assert_eq!(
+            loads.words(),
+            "--under 'my loads/a.csv' --under b.csv --at-degc=-10,25 --series 16 --parallel 3"
+        );
     }
 }

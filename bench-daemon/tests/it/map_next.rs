@@ -123,7 +123,7 @@ fn a_list_of_points_that_cannot_be_is_refused() {
 
 /// Two points of pulses at one temperature: a start of a map within seconds.
 fn start() -> Files {
-    example("soc = [\"80 %\", \"40 %\"]\n")
+    example("soc = [\"90 %\", \"20 %\"]\n")
         .without(EXPERIMENT, "fixture_check")
         .edit(EXPERIMENT, "[\"25 °C\", \"10 °C\"]", "[\"25 °C\"]")
         .edit(EXPERIMENT, "[\"30 mΩ\", \"45 mΩ\"]", "[\"30 mΩ\"]")
@@ -142,6 +142,16 @@ fn demands() -> Demands {
 
 /// Plays the start, then what makes the error smaller.
 fn investigation(files: &Files, name: &str, minutes: f64, aims: [f64; 2]) -> MapInvestigation {
+    investigation_for(files, name, minutes, aims, demands())
+}
+
+fn investigation_for(
+    files: &Files,
+    name: &str,
+    minutes: f64,
+    aims: [f64; 2],
+    demands: Demands,
+) -> MapInvestigation {
     let experiment = files.load();
     let out = files.path(name);
     let [error_v, least_v_per_h] = aims;
@@ -154,7 +164,7 @@ fn investigation(files: &Files, name: &str, minutes: f64, aims: [f64; 2]) -> Map
         },
     };
     let aims = Aims {
-        demands: demands(),
+        demands,
         error_v,
         least_v_per_h,
     };
@@ -165,7 +175,7 @@ fn investigation(files: &Files, name: &str, minutes: f64, aims: [f64; 2]) -> Map
 fn an_investigation_for_a_map_ends_for_each_reason() {
     let files = start();
     let spent = investigation(&files, "spent", 5.0, [1e-6, 0.0]);
-    assert_eq!(spent.ended.end, End::Budget);
+    assert_eq!(spent.ended.end, Some(End::Budget));
     assert_eq!((spent.rounds.len(), spent.spent.minutes), (1, 0.0));
     let first_v = spent.ended.error_v;
     assert!(
@@ -178,7 +188,7 @@ fn an_investigation_for_a_map_ends_for_each_reason() {
         spent.ended.end_text
     );
     let dear = investigation(&files, "dear", 1e4, [1e-6, 1.0]);
-    assert_eq!(dear.ended.end, End::GainBelowCost);
+    assert_eq!(dear.ended.end, Some(End::GainBelowCost));
     let text = &dear.ended.end_text;
     assert!(
         text.starts_with("the next ") && text.ends_with(" mV, less than 1000 mV per hour"),
@@ -187,7 +197,7 @@ fn an_investigation_for_a_map_ends_for_each_reason() {
     // The same world and the same points: the same error.
     assert_eq!(dear.ended.error_v, first_v);
     let reached = investigation(&files, "reached", 1e4, [0.9 * first_v, 0.0]);
-    assert_eq!(reached.ended.end, End::ErrorReached);
+    assert_eq!(reached.ended.end, Some(End::ErrorReached));
     let [campaign, rounds @ ..] = &reached.rounds[..] else {
         panic!("{:?}", reached.rounds)
     };
@@ -232,6 +242,31 @@ fn an_investigation_for_a_map_ends_for_each_reason() {
     ] {
         assert!(out.join(name).is_file(), "{name}");
     }
+    // A round moves the charge of its legs at least: from full to its lowest point.
+    assert!(
+        reached.spent.charge_ah > 1.0 && reached.spent.charge_ah < 20.0 * rounds.len() as f64,
+        "{:?}",
+        reached.spent
+    );
+    let one_cell = Demands {
+        series: 1,
+        parallel: 1,
+        ..demands()
+    };
+    let failed = investigation_for(&files, "failed", 1e4, [1e-6, 0.0], one_cell);
+    assert_eq!(failed.ended.end, Some(End::Failed));
+    let reason = failed.failure.as_ref().unwrap().to_string();
+    assert!(
+        reason.contains("expected a load that the pack can supply"),
+        "{reason}"
+    );
+    assert_eq!(failed.ended.end_text, reason);
+    let written = json(&files.path("failed/investigation.json"));
+    assert_eq!(
+        (&written["end"], &written["error_v"]),
+        (&"failed".into(), &Value::Null)
+    );
+    assert!(files.path("failed/map.json").is_file());
     the_written_experiment_measures_the_chosen_places(&files, &files.path("spent/campaign"));
 }
 
@@ -301,6 +336,12 @@ fn the_written_experiment_measures_the_chosen_places(files: &Files, run: &Path) 
             .len()
     );
     program(&["plan".as_ref(), next.as_os_str()]).expect_code(0);
+    let (code, _, error) = program(&[&call[..], &words].concat()).parts();
+    assert!(
+        code == 2
+            && error.contains("next.toml: expected the name of a new file, found one that exists"),
+        "{error}"
+    );
     let log = project("fixtures/data/cells/panasonic_18650pf_25C/pulses.bdf.csv");
     let ocv = project("fixtures/data/cells/panasonic_18650pf_25C/ocv.json");
     let call = [

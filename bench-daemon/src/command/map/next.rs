@@ -1,6 +1,6 @@
 //! `map --next`: what to measure next for given loads, and the experiment that measures it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::command::load_args::LoadArgs;
 use analysis::{
@@ -13,6 +13,7 @@ use bench_evaluate::{
     files,
     investigate::cell_map::{
         base::{Base, folder_of},
+        data::measured_places,
         offers::Offers,
     },
     run::Recorded,
@@ -64,7 +65,7 @@ pub(super) fn read(next: &NextArgs, data: &[PathBuf]) -> Result<Option<Wanted>, 
             "--under: expected --next, whose measurements are chosen for the loads, found none";
         return Err(Failure::Usage(reason.to_owned()));
     }
-    let runs = recorded(data)?;
+    let (runs, measured) = recorded(data)?;
     let base = match &next.experiment {
         Some(file) => Some(Base::of(&load_experiment(file, None)?)?),
         None => runs.first().cloned(),
@@ -74,25 +75,37 @@ pub(super) fn read(next: &NextArgs, data: &[PathBuf]) -> Result<Option<Wanted>, 
             experiment in DATA, found neither";
         return Err(Failure::Usage(reason.to_owned()));
     }
+    next.write.as_deref().map_or(Ok(()), refuse_existing)?;
     let profiles = next.loads.demands().read()?;
-    let measured = runs.iter().flat_map(|run| run.map().places.clone());
     Ok(Some(Wanted {
         profiles,
         base,
-        measured: measured.collect(),
+        measured,
     }))
 }
 
-/// The experiments of the runs that have a map.
-fn recorded(data: &[PathBuf]) -> Result<Vec<Base>, Failure> {
-    let mut found = Vec::new();
+/// Refuses to write over a file.
+fn refuse_existing(file: &Path) -> Result<(), Failure> {
+    if !file.exists() {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "--write {}: expected the name of a new file, found one that exists",
+        file.display()
+    )))
+}
+
+/// The experiments of the runs that have a map, and the points that they have measured.
+fn recorded(data: &[PathBuf]) -> Result<(Vec<Base>, Vec<MapPlace>), Failure> {
+    let (mut found, mut measured) = (Vec::new(), Vec::new());
     for folder in data.iter().filter(|path| path.join(JOURNAL).is_file()) {
         let run = Recorded::read(folder)?;
-        if run.experiment().map.is_some() {
+        if let Some(map) = &run.experiment().map {
+            measured.extend(measured_places(folder, map)?);
             found.push(Base::of(run.experiment())?);
         }
     }
-    Ok(found)
+    Ok((found, measured))
 }
 
 /// Chooses the measurements.
@@ -146,6 +159,7 @@ pub(super) fn write(
         return Err(Failure::Usage(reason.to_owned()));
     }
     let text = base.text_at(file, &places)?;
+    refuse_existing(file)?;
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     files::write_text(folder_of(file), &name, &text)?;
     let experiment = load_experiment(file, None)?;

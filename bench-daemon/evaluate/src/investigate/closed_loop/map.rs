@@ -13,22 +13,22 @@ use analysis::{
 };
 use bench_core::safety::failure::Failure;
 use bench_plan::{
-    config::{Experiment, MapPlace},
-    plan::percent,
+    config::{Experiment, MapPlace, MapProcedure},
+    plan::{Plan, percent},
     procedure,
     support::terminal::remark,
 };
-use instruments::units::{Coulombs, Seconds};
 
 use super::{
-    map_result::{MapEnd, MapInvestigation, Round},
-    played::{Bench, Ended, Means, Next, Planned, Played, Question, campaign, folder_name},
+    map_result::{MapEnd, MapInvestigation, NAME, Round},
+    played::{Bench, Ended, Means, Next, Planned, Played, Question, SoFar, campaign, folder_name},
+    price,
     rule::{Budget, End},
 };
 use crate::investigate::{
     cell_map::{
         base::Base,
-        data::{add_folder, one_cell},
+        data::{add_folder, measured_places, one_cell},
         loads::Demands,
         offers::Offers,
     },
@@ -39,8 +39,6 @@ use crate::investigate::{
 const SCHEMA: &str = "eis-bench/map-investigation";
 /// Most measurements of one run.
 const MOST_OF_ROUND: usize = 6;
-/// Last part of the name of the folder of a run.
-const NAME: &str = "map";
 
 /// What an investigation for a map is to reach.
 #[derive(Debug, Clone)]
@@ -54,78 +52,57 @@ pub struct Aims {
 }
 
 /// Runs an investigation for a map, and writes `investigation.json`, `.md` and `.html`, the files of
-/// the map, and a run folder per round. A later run that ended early ends the investigation, which is
-/// written nevertheless.
+/// the map, and a run folder per round. The files are written before each round and at the end. A later
+/// run that ended early and an error after the first run end the investigation, which is written
+/// nevertheless.
 ///
 /// # Errors
 /// Before anything is energised: an experiment without `[map]`, loads that cannot be read, no point
-/// that can be measured. Later: a first run that ended early, a map that cannot be fitted, a load
-/// that the pack cannot supply, a folder that cannot be written.
+/// that can be measured. Later: a first run that ended early, a folder that cannot be written.
 pub fn investigate_map(
     experiment: &Experiment,
     means: &Means<'_>,
     aims: &Aims,
 ) -> Result<MapInvestigation, Failure> {
     let base = Base::of(experiment)?;
-    let mut offers = Offers::of(&base)?;
-    offers.forget(&base.map().places);
+    let offers = Offers::of(&base)?;
     offers.notes.iter().for_each(|note| remark!("note: {note}"));
     let profiles = aims.demands.read()?;
     let (mut bench, _) = Bench::first(experiment, means.out, means.budget)?;
-    let first = campaign(means.out);
-    let loaded = read_as(&first, Reading::default())?;
-    let mut data = Measurements {
-        cell: one_cell(&first, &loaded.set.runs, None)?,
-        known: loaded.set.calibration,
-        curve: means.ocv.clone(),
-        data: MapData::default(),
-    };
-    data.add(&first, loaded)?;
     let mut question = MapQuestion {
-        fit: data.fit()?,
-        measured: data,
+        fit: None,
+        measured: Measurements {
+            cell: String::new(),
+            known: None,
+            curve: means.ocv.clone(),
+            data: MapData::default(),
+        },
         offers,
         planned: None,
-        rounds: vec![Round {
-            folder: folder_name(&first),
-            measured: in_words(&base.map().places),
-            minutes: None,
-            error_before_v: None,
-            error_expected_v: None,
-            error_after_v: None,
-        }],
+        rounds: Vec::new(),
         goal: Goal {
             aims,
             profiles: &profiles,
-            pace: bench.first_minutes / expected_minutes(experiment)?,
+            means,
+            pace: 1.0,
+            below_full_coulomb: below_full_coulomb(base.map(), &base.map().places),
         },
         base,
         error_v: f64::NAN,
     };
-    let (ended, failure) = bench.play(&mut question)?;
+    let (ended, failure) = bench.play(&mut question);
     let investigation = MapInvestigation {
-        schema: SCHEMA,
-        name: experiment.name.clone(),
-        budget: means.budget,
-        spent: bench.spent,
-        rounds: question.rounds,
-        ended: MapEnd {
-            end: ended.end,
-            end_text: ended.text,
-            error_v: question.error_v,
-            refused_points: bench.refused,
-        },
-        fit: question.fit,
         failure,
+        ..question.investigation(&bench.so_far, Some(ended))
     };
     investigation.write(means.out, &means.ocv)?;
     Ok(investigation)
 }
 
-/// Time that the plan of an experiment expects, min.
-fn expected_minutes(experiment: &Experiment) -> Result<f64, Failure> {
-    let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
-    Ok(plan.plan().expected_s() / Seconds(60.0))
+/// The charge that a full charge after points returns, C: that below the last of them.
+fn below_full_coulomb(map: &MapProcedure, places: &[MapPlace]) -> f64 {
+    let soc = places.last().map_or(0.0, |place| place.soc);
+    ((1.0 - soc) * map.capacity_coulomb).value()
 }
 
 /// What was measured so far.
@@ -138,6 +115,14 @@ struct Measurements {
 }
 
 impl Measurements {
+    /// Reads the first run.
+    fn begin(&mut self, folder: &Path) -> Result<(), Failure> {
+        let loaded = read_as(folder, Reading::default())?;
+        self.cell = one_cell(folder, &loaded.set.runs, None)?;
+        self.known = loaded.set.calibration;
+        self.add(folder, loaded)
+    }
+
     fn add(&mut self, folder: &Path, loaded: Loaded) -> Result<(), Failure> {
         add_folder(
             folder,
@@ -173,12 +158,16 @@ impl Measurements {
     }
 }
 
-/// What is to be reached, and at which pace.
+/// What is to be reached, with which means, and what the last run shows of the price of the next.
 struct Goal<'a> {
     aims: &'a Aims,
     profiles: &'a [Profile],
-    /// Time that the last run took, over that which its plan expects: a plan counts the shortest rests.
+    means: &'a Means<'a>,
+    /// Time that the last run took at its points, over that which its plan expects, at least 1: a plan
+    /// counts the shortest rests.
     pace: f64,
+    /// Charge that the cell lacks after the last run, C.
+    below_full_coulomb: f64,
 }
 
 /// The question of a map: what to measure next.
@@ -188,7 +177,8 @@ struct MapQuestion<'a> {
     measured: Measurements,
     /// Measurements that were not made so far.
     offers: Offers,
-    fit: MapFit,
+    /// The last map; none before the first fit.
+    fit: Option<MapFit>,
     /// The round that is played.
     planned: Option<PlannedRound>,
     rounds: Vec<Round>,
@@ -200,19 +190,21 @@ struct MapQuestion<'a> {
 struct PlannedRound {
     places: Vec<MapPlace>,
     error_expected_v: f64,
-    /// Time that its plan expects, min.
-    minutes: f64,
+    plan: Plan,
 }
 
 impl MapQuestion<'_> {
     /// The measurements that take most off the error, in the order of their choice.
     fn chosen(&mut self) -> Result<Vec<Chosen>, Failure> {
+        let Some(fit) = &self.fit else {
+            return Err(Failure::Analysis("expected a map, found none".to_owned()));
+        };
         let options = MapOptions::default();
         let fitted = Fitted {
             data: &self.measured.data,
             ocv: &self.measured.curve,
             options: &options,
-            fit: &self.fit,
+            fit,
         };
         let demands = &self.goal.aims.demands;
         let of_base: Vec<f64> = self
@@ -230,6 +222,13 @@ impl MapQuestion<'_> {
         let loads = demands.loads(self.goal.profiles, degc, fitted)?;
         let plan = plan_next(fitted, &loads, &self.offers.choices, MOST_OF_ROUND)
             .map_err(|error| Failure::Analysis(error.to_string()))?;
+        if !plan.error_v.is_finite() {
+            let reason = format!(
+                "expected a finite error of the loads, found {}: the data do not determine the map",
+                plan.error_v
+            );
+            return Err(Failure::Analysis(reason));
+        }
         self.error_v = plan.error_v;
         if let Some(last) = self.rounds.last_mut() {
             last.error_after_v = Some(plan.error_v);
@@ -241,51 +240,39 @@ impl MapQuestion<'_> {
     /// Keeps the measurements that are worth their time, up to the one that reaches the aim.
     fn worth(&self, chosen: Vec<Chosen>) -> Result<Vec<Chosen>, Ended> {
         let aims = self.goal.aims;
-        let Some(first) = chosen.first() else {
+        let steps: Vec<(f64, f64)> = chosen
+            .iter()
+            .map(|next| (self.goal.pace * next.minutes, next.error_v))
+            .collect();
+        let worth = Worth::of(&steps, self.error_v, aims);
+        if worth.count == 0 {
             let text = "no further measurement lowers the error of the loads";
             return Err(Ended::without_runs(End::NoExperiment, text));
-        };
-        let minutes = |next: &Chosen| self.goal.pace * next.minutes;
-        let gain_v = self.error_v - first.error_v;
-        if 60.0 * gain_v < aims.least_v_per_h * minutes(first) {
+        }
+        if 60.0 * worth.gain_v < aims.least_v_per_h * worth.minutes {
             let text = format!(
                 "the next {:.0} min would take off {} mV, less than {} mV per hour",
-                minutes(first),
-                crate::support::present::significant(1e3 * gain_v, 2),
+                worth.minutes,
+                crate::support::present::significant(1e3 * worth.gain_v, 2),
                 1e3 * aims.least_v_per_h
             );
             return Err(Ended::without_runs(End::GainBelowCost, text));
         }
-        let mut kept: Vec<Chosen> = Vec::new();
-        let mut before_v = self.error_v;
-        for next in chosen {
-            let pays = 60.0 * (before_v - next.error_v) >= aims.least_v_per_h * minutes(&next);
-            if before_v <= aims.error_v || !pays {
-                break;
-            }
-            before_v = next.error_v;
-            kept.push(next);
-        }
-        Ok(kept)
+        Ok(chosen.into_iter().take(worth.count).collect())
     }
 
-    /// Plans a run of chosen measurements, without the last ones that the budget does not pay.
+    /// Plans a run of chosen measurements, without the last ones that the budget does not pay for.
     fn planned(&mut self, mut chosen: Vec<Chosen>, left: Budget) -> Result<Next, Failure> {
         let mut lack = String::new();
         while let Some(last) = chosen.last() {
             let error_expected_v = last.error_v;
             let places = self.base.in_order(&chosen);
-            let mut experiment = self.base.at(&self.name(), &places)?;
-            // The correction of the first run stays.
-            experiment.fixture_check = None;
+            let experiment = self.base.at(&self.name(), &places)?;
             let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
-            let (extent, minutes) = (
-                plan.plan().extent(),
-                plan.plan().expected_s() / Seconds(60.0),
-            );
+            let expected = price::expected(plan.plan(), self.goal.below_full_coulomb);
             let price = Budget {
-                minutes: self.goal.pace * minutes,
-                charge_ah: (extent.into_coulomb + extent.out_coulomb) / Coulombs(3600.0),
+                minutes: self.goal.pace * expected.minutes,
+                ..expected
             };
             if let Some(shortfall) = left.shortfall(price) {
                 lack = shortfall;
@@ -301,12 +288,52 @@ impl MapQuestion<'_> {
             self.planned = Some(PlannedRound {
                 places,
                 error_expected_v,
-                minutes,
+                plan: plan.plan().clone(),
             });
             return Ok(Next::Play(Box::new(planned)));
         }
         let text = format!("the budget is spent: the next measurement {lack}");
         Ok(Next::End(Ended::without_runs(End::Budget, text)))
+    }
+
+    /// Reads the first run and fits a map to it.
+    fn begin(&mut self) -> Result<(), Failure> {
+        let first = campaign(self.goal.means.out);
+        let map = self.base.map();
+        let measured = measured_places(&first, map)?;
+        self.goal.pace = price::pace(&procedure::plan(self.base.experiment()), &first);
+        self.rounds.push(Round {
+            folder: folder_name(&first),
+            measured: in_words(&measured),
+            minutes: None,
+            error_before_v: None,
+            error_expected_v: None,
+            error_after_v: None,
+        });
+        self.offers.forget(&measured);
+        self.measured.begin(&first)?;
+        self.fit = Some(self.measured.fit()?);
+        Ok(())
+    }
+
+    /// The investigation so far; without an end while it is in progress.
+    fn investigation(&self, so_far: &SoFar, ended: Option<Ended>) -> MapInvestigation {
+        let running = || "in progress".to_owned();
+        MapInvestigation {
+            schema: SCHEMA,
+            name: self.base.experiment().name.clone(),
+            budget: self.goal.means.budget,
+            spent: so_far.spent,
+            rounds: self.rounds.clone(),
+            ended: MapEnd {
+                end: ended.as_ref().map(|ended| ended.end),
+                end_text: ended.map_or_else(running, |ended| ended.text),
+                error_v: self.error_v,
+                refused_points: so_far.refused,
+            },
+            fit: self.fit.clone(),
+            failure: None,
+        }
     }
 
     fn name(&self) -> String {
@@ -316,6 +343,9 @@ impl MapQuestion<'_> {
 
 impl Question for MapQuestion<'_> {
     fn next(&mut self, left: Budget) -> Result<Next, Failure> {
+        if self.fit.is_none() {
+            self.begin()?;
+        }
         let chosen = self.chosen()?;
         let limit_v = self.goal.aims.error_v;
         if self.error_v <= limit_v {
@@ -337,19 +367,88 @@ impl Question for MapQuestion<'_> {
             .planned
             .take()
             .ok_or_else(|| Failure::Analysis("expected a planned round, found none".to_owned()))?;
-        self.goal.pace = played.minutes / planned.minutes;
-        self.measured.add_later(played.folder)?;
-        self.offers.forget(&planned.places);
+        let map = MapProcedure {
+            places: planned.places,
+            ..self.base.map().clone()
+        };
+        let measured = measured_places(played.folder, &map)?;
+        self.goal.pace = price::pace(&planned.plan, played.folder);
+        self.goal.below_full_coulomb = below_full_coulomb(&map, &map.places);
         self.rounds.push(Round {
             folder: folder_name(played.folder),
-            measured: in_words(&planned.places),
+            measured: in_words(&measured),
             minutes: Some(played.minutes),
             error_before_v: Some(self.error_v),
             error_expected_v: Some(planned.error_expected_v),
             error_after_v: None,
         });
-        self.fit = self.measured.fit()?;
+        if measured.is_empty() {
+            let text = "expected a measurement at one of the points of the run, found none";
+            return Err(Failure::Analysis(text.to_owned()));
+        }
+        self.offers.forget(&measured);
+        self.measured.add_later(played.folder)?;
+        self.fit = Some(self.measured.fit()?);
         Ok(())
+    }
+
+    fn moved_ah(&self, folder: &Path) -> Option<f64> {
+        price::moved_ah(folder)
+    }
+
+    fn save(&self, so_far: &SoFar) -> Result<(), Failure> {
+        let means = self.goal.means;
+        self.investigation(so_far, None)
+            .write(means.out, &means.ocv)
+    }
+}
+
+/// The measurements that are worth their time.
+#[derive(Debug, PartialEq)]
+struct Worth {
+    /// Number of measurements to make; 0 if none lowers the error.
+    count: usize,
+    /// Time of those that take most off the error per minute, min.
+    minutes: f64,
+    /// What they take off, V.
+    gain_v: f64,
+}
+
+impl Worth {
+    /// Judges measurements by time (min) and error after each (V), up to the one that reaches the aim. The
+    /// first ones that take most off the error per minute count together, because the first measurement at
+    /// a place carries the way to it; further ones are added while each is worth its own time.
+    fn of(steps: &[(f64, f64)], before_v: f64, aims: &Aims) -> Self {
+        let reaching = steps
+            .iter()
+            .position(|(_, after_v)| *after_v <= aims.error_v);
+        let steps = reaching.map_or(steps, |last| &steps[..=last]);
+        let mut best = Self {
+            count: 0,
+            minutes: 0.0,
+            gain_v: 0.0,
+        };
+        let mut minutes = 0.0;
+        for (count, (own, after_v)) in (1..).zip(steps) {
+            minutes += own;
+            let gain_v = before_v - after_v;
+            if gain_v > 0.0 && gain_v * best.minutes >= best.gain_v * minutes {
+                best = Self {
+                    count,
+                    minutes,
+                    gain_v,
+                };
+            }
+        }
+        let mut last_v = before_v - best.gain_v;
+        for (own, after_v) in steps.iter().skip(best.count) {
+            if best.count == 0 || 60.0 * (last_v - after_v) < aims.least_v_per_h * own {
+                break;
+            }
+            last_v = *after_v;
+            best.count += 1;
+        }
+        best
     }
 }
 
@@ -365,4 +464,40 @@ fn in_words(places: &[MapPlace]) -> Vec<String> {
         format!("{soc} % at {degc} °C: {what}")
     };
     places.iter().map(word).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_measurement_and_those_beside_it_are_judged_together() {
+        let aims = |error_mv: f64, least_mv_per_h: f64| Aims {
+            demands: Demands {
+                under: Vec::new(),
+                at_degc: Vec::new(),
+                series: 1,
+                parallel: 1,
+            },
+            error_v: 1e-3 * error_mv,
+            least_v_per_h: 1e-3 * least_mv_per_h,
+        };
+        // The way to a place takes most of an hour; what is beside it is cheap.
+        let steps = [
+            (60.0, 9.8e-3),
+            (10.0, 9.0e-3),
+            (30.0, 8.9e-3),
+            (60.0, 8.88e-3),
+        ];
+        let of = |error_mv, least| Worth::of(&steps, 10.0e-3, &aims(error_mv, least));
+        let worth = of(0.0, 0.5);
+        assert_eq!((worth.count, worth.minutes), (2, 70.0));
+        assert!((worth.gain_v - 1.0e-3).abs() < 1e-12);
+        assert_eq!(of(0.0, 0.1).count, 3);
+        assert_eq!(of(9.9, 0.5).count, 1);
+        assert_eq!(
+            Worth::of(&[(5.0, 10.0e-3)], 10.0e-3, &aims(0.0, 0.0)).count,
+            0
+        );
+    }
 }

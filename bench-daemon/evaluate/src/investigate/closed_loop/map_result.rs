@@ -1,17 +1,27 @@
 //! The result of an investigation for a map, and its files.
 
-use std::{fmt::Write as _, path::Path};
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
 use analysis::{
     map::MapFit,
     ocv::OcvCurve,
     report::{Report, Table},
+    run_folder::JOURNAL,
 };
 use bench_core::safety::failure::Failure;
 use serde::Serialize;
 
-use super::rule::{Budget, End};
+use super::{
+    played::run_folder,
+    rule::{Budget, End},
+};
 use crate::{files::write_text, investigate::cell_map};
+
+/// Last part of the name of the folder of a run.
+pub(super) const NAME: &str = "map";
 
 /// One run and what it has made of the error of the loads.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -20,7 +30,7 @@ pub struct Round {
     pub folder: String,
     /// Points that were measured, in words.
     pub measured: Vec<String>,
-    /// Time that it took on the bench, min; none for the first run, which the budget does not pay.
+    /// Time that it took on the bench, min; none for the first run, which the budget does not pay for.
     pub minutes: Option<f64>,
     /// Predicted error of the voltage under the loads before it, one standard deviation, V.
     pub error_before_v: Option<f64>,
@@ -76,11 +86,12 @@ impl Round {
 /// How an investigation for a map ended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MapEnd {
-    /// Kind of the end.
-    pub end: End,
+    /// Kind of the end; none while the investigation is in progress.
+    pub end: Option<End>,
     /// The end in one sentence.
     pub end_text: String,
-    /// Predicted error of the voltage under the loads, one standard deviation, V.
+    /// Predicted error of the voltage under the loads, one standard deviation, V; not a number before the
+    /// first prediction.
     pub error_v: f64,
     /// Points that the quality gate has refused to the end, of all runs.
     pub refused_points: usize,
@@ -102,10 +113,10 @@ pub struct MapInvestigation {
     /// How it ended.
     #[serde(flatten)]
     pub ended: MapEnd,
-    /// The last map.
+    /// The last map; none if nothing was fitted.
     #[serde(skip)]
-    pub fit: MapFit,
-    /// Error of a run that ended early, which ended the investigation.
+    pub fit: Option<MapFit>,
+    /// Error that ended the investigation, such as that of a run that ended early.
     #[serde(skip)]
     pub failure: Option<Failure>,
 }
@@ -129,7 +140,9 @@ impl MapInvestigation {
         let fail = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
         let json = serde_json::to_string_pretty(self).map_err(|error| fail(&error))? + "\n";
         let html = self.page().to_html().map_err(|error| fail(&error))?;
-        cell_map::files::write(folder, &self.name, curve, &self.fit)?;
+        if let Some(fit) = &self.fit {
+            cell_map::files::write(folder, &self.name, curve, fit)?;
+        }
         write_text(folder, "investigation.json", &json)?;
         write_text(folder, "investigation.md", &self.to_markdown())?;
         write_text(folder, "investigation.html", &html)
@@ -151,11 +164,23 @@ impl MapInvestigation {
         text
     }
 
+    /// The folder of a run that ended early, if there is one: that after the last round.
+    pub fn unfinished(&self, out: &Path) -> Option<PathBuf> {
+        let folder = run_folder(out, self.rounds.len(), NAME);
+        folder.join(JOURNAL).is_file().then_some(folder)
+    }
+
     /// What was spent, in one sentence.
     pub fn spent_text(&self) -> String {
+        let left = self.budget.less(self.spent);
         format!(
-            "Spent after the first run: {:.0} of {:.0} min, {:.2} of {:.2} Ah.",
-            self.spent.minutes, self.budget.minutes, self.spent.charge_ah, self.budget.charge_ah
+            "Spent after the first run: {:.0} of {:.0} min, {:.2} of {:.2} Ah; left are {:.0} min and {:.2} Ah.",
+            self.spent.minutes,
+            self.budget.minutes,
+            self.spent.charge_ah,
+            self.budget.charge_ah,
+            left.minutes.max(0.0),
+            left.charge_ah.max(0.0)
         )
     }
 

@@ -13,6 +13,7 @@ mod map;
 mod map_result;
 mod page;
 mod played;
+mod price;
 mod rule;
 
 use std::{
@@ -65,8 +66,8 @@ const HIGHEST_HZ: f64 = 1000.0;
 
 /// Runs an investigation and writes `investigation.json`, `.md` and `.html` with their pictures,
 /// `model.json`, `model_augmented.json` if something was added, the joined data set, and a run
-/// folder per step. A later run that ended early ends the investigation, which is written
-/// nevertheless.
+/// folder per step. A later run that ended early, and an error after the first diagnosis, end the
+/// investigation, which is written nevertheless.
 ///
 /// # Errors
 /// A campaign that ended early, a model that cannot be fitted, a folder that cannot be written.
@@ -84,7 +85,7 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         first,
     };
     workspace.diagnose(None, bench.left())?;
-    let (ended, failure) = bench.play(&mut workspace)?;
+    let (ended, failure) = bench.play(&mut workspace);
     write_dataset(&means.out.join("dataset"), &workspace.loaded.set)
         .map_err(|error| Failure::Analysis(error.to_string()))?;
     let Workspace {
@@ -101,12 +102,12 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         schema: SCHEMA,
         name: experiment.name.clone(),
         budget: means.budget,
-        spent: bench.spent,
+        spent: bench.so_far.spent,
         steps,
         end: ended.end,
         end_text: ended.text,
         not_played: ended.not_played,
-        refused_points: bench.refused,
+        refused_points: bench.so_far.refused,
         diagnosis: outcome.diagnosis,
         failure,
     };

@@ -7,7 +7,7 @@ use super::{
     investigation::NotPlayed,
     rule::{Budget, End},
 };
-use crate::run::{Measured, Session};
+use crate::run::{Measured, Session, StopSignals};
 use analysis::ocv::OcvCurve;
 use bench_core::safety::failure::Failure;
 use bench_plan::config::Experiment;
@@ -71,6 +71,15 @@ pub(super) struct Played<'a> {
     pub(super) left: Budget,
 }
 
+/// What was spent and refused so far.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct SoFar {
+    /// Part of the budget that was spent.
+    pub(super) spent: Budget,
+    /// Points that the quality gate has refused.
+    pub(super) refused: usize,
+}
+
 /// What an investigation wants to know.
 pub(super) trait Question {
     /// Returns the next experiment for the rest of the budget, or why the investigation ends.
@@ -78,40 +87,49 @@ pub(super) trait Question {
 
     /// Takes the measurements of an experiment that was played.
     fn take(&mut self, played: &Played<'_>) -> Result<(), Failure>;
+
+    /// Charge that a run has moved, by its folder, Ah; `None` if only its plan states it.
+    fn moved_ah(&self, _folder: &Path) -> Option<f64> {
+        None
+    }
+
+    /// Writes what is known before the next experiment.
+    fn save(&self, _so_far: &SoFar) -> Result<(), Failure> {
+        Ok(())
+    }
 }
 
 /// A bench on which experiments are played one after the other.
 pub(super) struct Bench<'a> {
     session: Session,
+    /// Stop signals also of the time between two experiments.
+    stop: StopSignals,
     out: &'a Path,
     budget: Budget,
-    /// Time that the first experiment took, min.
-    pub(super) first_minutes: f64,
-    /// Part of the budget that was spent.
-    pub(super) spent: Budget,
-    /// Points that the quality gate has refused so far.
-    pub(super) refused: usize,
+    pub(super) so_far: SoFar,
     /// Number of experiments after the first.
     played: usize,
 }
 
 impl<'a> Bench<'a> {
-    /// Starts with the first experiment, which the budget does not pay.
+    /// Starts with the first experiment, which the budget does not pay for.
     pub(super) fn first(
         experiment: &Experiment,
         out: &'a Path,
         budget: Budget,
     ) -> Result<(Self, Measured), Failure> {
         let mut session = Session::new(&experiment.bench)?;
-        let start_s = session.now_s();
+        let stop = session.signals()?;
         let measured = session.run(experiment, &out.join(CAMPAIGN))?.measured;
         let bench = Self {
-            first_minutes: (session.now_s() - start_s) / 60.0,
             session,
+            stop,
             out,
             budget,
-            spent: Budget::default(),
-            refused: measured.refused(),
+            so_far: SoFar {
+                refused: measured.refused(),
+                ..SoFar::default()
+            },
             played: 0,
         };
         Ok((bench, measured))
@@ -119,49 +137,63 @@ impl<'a> Bench<'a> {
 
     /// Rest of the budget.
     pub(super) fn left(&self) -> Budget {
-        self.budget.less(self.spent)
+        self.budget.less(self.so_far.spent)
     }
 
-    /// Plays experiments until the question ends it or a run ends early, whose error is returned too.
-    pub(super) fn play(
-        &mut self,
-        question: &mut impl Question,
-    ) -> Result<(Ended, Option<Failure>), Failure> {
+    /// Plays experiments until the question ends it, or something fails, whose error is returned too.
+    pub(super) fn play(&mut self, question: &mut impl Question) -> (Ended, Option<Failure>) {
         loop {
-            let planned = match question.next(self.left())? {
-                Next::Play(planned) => planned,
-                Next::End(ended) => return Ok((ended, None)),
-            };
-            self.played += 1;
-            let folder = self.out.join(format!("{}_{}", self.played, planned.name));
-            let minutes = match self.run(&planned, &folder) {
-                Ok(minutes) => minutes,
-                Err(error) => {
-                    let text = format!("a run ended early: {}: {error}", planned.description);
-                    return Ok((Ended::without_runs(End::Stopped, text), Some(error)));
-                }
-            };
-            let left = self.left();
-            question.take(&Played {
-                folder: &folder,
-                minutes,
-                left,
-            })?;
+            match self.round(question) {
+                Ok(None) => {}
+                Ok(Some(ended)) => return (ended, None),
+                Err((ended, failure)) => return (ended, Some(failure)),
+            }
         }
     }
 
-    /// Runs an experiment and pays for it; returns the minutes that it took.
-    fn run(&mut self, planned: &Planned, folder: &Path) -> Result<f64, Failure> {
+    /// Plays the next experiment, or returns the end.
+    fn round(&mut self, question: &mut impl Question) -> Result<Option<Ended>, (Ended, Failure)> {
+        let planned = match question.next(self.left()).map_err(failed)? {
+            Next::Play(planned) => planned,
+            Next::End(ended) => return Ok(Some(ended)),
+        };
+        question.save(&self.so_far).map_err(failed)?;
+        if self.session.has_stopped(&mut self.stop) {
+            let text = format!("stopped on request before a run: {}", planned.description);
+            return Err(ended_by(End::Stopped, Failure::Stopped(text)));
+        }
+        self.played += 1;
+        let folder = run_folder(self.out, self.played, &planned.name);
         let start_s = self.session.now_s();
-        let finished = self.session.run(&planned.experiment, folder)?;
-        self.refused += finished.measured.refused();
+        let finished = self.session.run(&planned.experiment, &folder);
         let minutes = (self.session.now_s() - start_s) / 60.0;
-        self.spent = self.spent.plus(Budget {
+        let charge_ah = question.moved_ah(&folder).unwrap_or(planned.charge_ah);
+        // A run that ended early has taken its time and charge, too.
+        let price = Budget { minutes, charge_ah };
+        self.so_far.spent = self.so_far.spent.plus(price);
+        let finished = finished.map_err(|failure| {
+            let text = format!("a run ended early: {}: {failure}", planned.description);
+            (Ended::without_runs(End::Stopped, text), failure)
+        })?;
+        self.so_far.refused += finished.measured.refused();
+        let left = self.left();
+        let played = Played {
+            folder: &folder,
             minutes,
-            charge_ah: planned.charge_ah,
-        });
-        Ok(minutes)
+            left,
+        };
+        question.take(&played).map_err(failed)?;
+        Ok(None)
     }
+}
+
+/// The end by an error between two runs.
+fn failed(failure: Failure) -> (Ended, Failure) {
+    ended_by(End::Failed, failure)
+}
+
+fn ended_by(end: End, failure: Failure) -> (Ended, Failure) {
+    (Ended::without_runs(end, failure.to_string()), failure)
 }
 
 /// The last part of a path, as results name a run folder.
@@ -173,4 +205,9 @@ pub(super) fn folder_name(folder: &Path) -> String {
 /// The folder of the first run.
 pub(super) fn campaign(out: &Path) -> PathBuf {
     out.join(CAMPAIGN)
+}
+
+/// The folder of a run after the first, by its number, from 1.
+pub(super) fn run_folder(out: &Path, number: usize, name: &str) -> PathBuf {
+    out.join(format!("{number}_{name}"))
 }
