@@ -2,8 +2,7 @@
 //! pulses, at chosen points.
 
 use std::{
-    fmt::Write as _,
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
     sync::Arc,
 };
 
@@ -14,9 +13,10 @@ use bench_plan::{
         ConfigError, Copies, Experiment, MapPlace, MapProcedure, Source, Temperature,
         resolve_experiment,
     },
-    plan::percent,
     procedure,
 };
+
+use super::edit::{CONTROLS, named, points_text, seen_from, without_controls};
 
 /// An experiment with a map.
 #[derive(Debug, Clone)]
@@ -86,8 +86,8 @@ impl Base {
     /// Returns the text of a file that measures points, after checking it as `plan` does.
     ///
     /// # Errors
-    /// A file of bench or cell that cannot be read or has changed since the experiment was read; a point that the limits of cell and bench do not
-    /// allow.
+    /// A file of bench, cell or scenario that cannot be read or has changed since the experiment was read;
+    /// a point that the limits of cell and bench do not allow.
     pub fn text_at(&self, file: &Path, places: &[MapPlace]) -> Result<String, Failure> {
         let name = named(file);
         let folder = folder_of(file);
@@ -234,26 +234,6 @@ impl Base {
     }
 }
 
-/// The section of the controls.
-const CONTROLS: &str = "fixture_check";
-
-/// Returns a text without the sections of the controls.
-fn without_controls(text: &str) -> String {
-    let mut kept = String::new();
-    let mut inside = false;
-    for line in text.split_inclusive('\n') {
-        let header = line.trim_start().strip_prefix('[');
-        if let Some((name, _)) = header.and_then(|header| header.split_once(']')) {
-            let first = name.trim_start_matches('[').split('.').next();
-            inside = first.is_some_and(|first| first.trim() == CONTROLS);
-        }
-        if !inside {
-            kept.push_str(line);
-        }
-    }
-    kept
-}
-
 /// Checks whether two lists of points are the same within the digits of a file.
 fn are_same(one: &[MapPlace], other: &[MapPlace]) -> bool {
     let is_same = |(a, b): (&MapPlace, &MapPlace)| {
@@ -267,74 +247,6 @@ fn are_same(one: &[MapPlace], other: &[MapPlace]) -> bool {
 pub fn folder_of(file: &Path) -> &Path {
     let folder = file.parent().filter(|folder| *folder != Path::new(""));
     folder.unwrap_or(Path::new("."))
-}
-
-/// The name of an experiment in a file: that of the file, with the characters of names.
-fn named(file: &Path) -> String {
-    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-    let dashed = |c: char| {
-        if c.is_ascii_alphanumeric() || c == '_' {
-            c
-        } else {
-            '-'
-        }
-    };
-    stem.chars().map(dashed).collect()
-}
-
-/// The points as the list of `[map]`.
-fn points_text(places: &[MapPlace]) -> String {
-    let mut text = "points = [\n".to_owned();
-    for place in places {
-        let measured = [
-            (place.spectrum, "\"spectrum\""),
-            (place.pulses, "\"pulses\""),
-        ];
-        let measured: Vec<&str> = measured
-            .iter()
-            .filter_map(|(is_measured, name)| is_measured.then_some(*name))
-            .collect();
-        // Writing into a string cannot fail.
-        let _ = writeln!(
-            text,
-            "    {{ soc = \"{} %\", temperature = \"{} °C\", measure = [{}] }},",
-            percent(place.soc),
-            place.temperature_degc,
-            measured.join(", ")
-        );
-    }
-    text + "]"
-}
-
-/// Returns a path relative to a folder; absolute if they have no common part.
-fn seen_from(folder: &Path, path: &Path) -> String {
-    let (Some(folder), Some(path)) = (plain(folder), plain(path)) else {
-        return path.display().to_string();
-    };
-    let (from, to): (Vec<_>, Vec<_>) = (folder.components().collect(), path.components().collect());
-    let shared = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
-    // Below the root alone, an absolute path is easier to read.
-    if shared < 2 {
-        return path.display().to_string();
-    }
-    let up = from[shared..].iter().map(|_| Component::ParentDir);
-    let relative: PathBuf = up.chain(to[shared..].iter().copied()).collect();
-    relative.display().to_string()
-}
-
-/// An absolute path without `.` and `..`.
-fn plain(path: &Path) -> Option<PathBuf> {
-    let mut plain = PathBuf::new();
-    for part in std::path::absolute(path).ok()?.components() {
-        match part {
-            Component::ParentDir => {
-                plain.pop();
-            }
-            Component::CurDir => {}
-            other => plain.push(other),
-        }
-    }
-    Some(plain)
 }
 
 #[cfg(test)]
@@ -450,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn points_as_sections_are_refused_and_controls_are_left_out() {
+    fn points_as_sections_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let soc = "soc = [\"90 %\", \"50 %\", \"20 %\"]\n";
         let sections = "\n[[map.points]]\nsoc = \"50 %\"\ntemperature = \"25 °C\"\n\n[eis]";
@@ -466,19 +378,5 @@ mod tests {
             ),
             "{refused}"
         );
-        assert_eq!(
-            without_controls(
-                "[a]\nx = 1\n[ fixture_check.shunt ]\ny = 2\n[fixture_check]\n[[b]]\nz = 3\n"
-            ),
-            "[a]\nx = 1\n[[b]]\nz = 3\n"
-        );
-    }
-
-    #[test]
-    fn a_file_is_seen_from_the_folder_of_another() {
-        let seen = |folder: &str, path: &str| seen_from(Path::new(folder), Path::new(path));
-        assert_eq!(seen("/a/b/c", "/a/b/../b/d/x.toml"), "../d/x.toml");
-        assert_eq!(seen("/a/b", "/a/b/x.toml"), "x.toml");
-        assert_eq!(seen("/tmp/b", "/home/x.toml"), "/home/x.toml");
     }
 }

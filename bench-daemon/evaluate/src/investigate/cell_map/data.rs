@@ -175,3 +175,51 @@ pub fn one_cell(path: &Path, runs: &[Run], chosen: Option<&str>) -> Result<Strin
         (None, _) => refuse("runs of one cell; --specimen chooses one".to_owned()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use analysis::run_folder::map_points_csv;
+    use bench_plan::config::load_experiment;
+
+    #[test]
+    fn a_point_counts_as_measured_by_what_the_run_has_of_it() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/experiments/map.toml");
+        let map = load_experiment(&file, None).unwrap().map.unwrap();
+        let run = tempfile::tempdir().unwrap();
+        assert_eq!(measured_places(run.path(), &map).unwrap(), []);
+        let row = |number: usize, spectrum: bool, pulses: bool| Row {
+            number,
+            soc: 0.5,
+            soc_by_ocv: None,
+            temperature_degc: None,
+            ocv_v: 3.7,
+            charge_coulomb: -1.0,
+            spectrum: spectrum.then(|| run.path().join("spectrum.csv")),
+            series: pulses
+                .then(|| run.path().join("trace.csv"))
+                .into_iter()
+                .collect(),
+        };
+        let rows = [
+            row(1, true, false),
+            row(2, false, false),
+            row(4, true, true),
+        ];
+        let table = map_points_csv(run.path(), &rows);
+        std::fs::write(run.path().join(MAP_POINTS), table).unwrap();
+        let found = measured_places(run.path(), &map).unwrap();
+        let found: Vec<_> = found
+            .iter()
+            .map(|place| {
+                (
+                    place.soc,
+                    place.temperature_degc,
+                    place.spectrum,
+                    place.pulses,
+                )
+            })
+            .collect();
+        assert_eq!(found, [(0.9, 25.0, true, false), (0.9, 10.0, true, true)]);
+    }
+}

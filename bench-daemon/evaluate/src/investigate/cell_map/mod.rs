@@ -4,6 +4,7 @@
 
 pub mod base;
 pub mod data;
+mod edit;
 pub mod files;
 pub mod loads;
 pub mod offers;

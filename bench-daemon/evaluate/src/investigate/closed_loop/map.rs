@@ -24,12 +24,12 @@ use super::{
     played::{Bench, Ended, Means, Next, Planned, Played, Question, SoFar, campaign, folder_name},
     price,
     rule::{Budget, End},
+    worth::{Aims, Step, Worth},
 };
 use crate::investigate::{
     cell_map::{
         base::Base,
         data::{add_folder, measured_places, one_cell},
-        loads::Demands,
         offers::Offers,
     },
     dataset::{Loaded, Reading, read_as},
@@ -39,17 +39,6 @@ use crate::investigate::{
 const SCHEMA: &str = "eis-bench/map-investigation";
 /// Most measurements of one run.
 const MOST_OF_ROUND: usize = 6;
-
-/// What an investigation for a map is to reach.
-#[derive(Debug, Clone)]
-pub struct Aims {
-    /// The loads.
-    pub demands: Demands,
-    /// Predicted error of their voltage at which it ends, one standard deviation, V.
-    pub error_v: f64,
-    /// Least fall of this error for an hour on the bench, V/h.
-    pub least_v_per_h: f64,
-}
 
 /// Runs an investigation for a map, and writes `investigation.json`, `.md` and `.html`, the files of
 /// the map, and a run folder per round. The files are written before each round and at the end. A later
@@ -240,11 +229,11 @@ impl MapQuestion<'_> {
     /// Keeps the measurements that are worth their time, up to the one that reaches the aim.
     fn worth(&self, chosen: Vec<Chosen>) -> Result<Vec<Chosen>, Ended> {
         let aims = self.goal.aims;
-        let steps: Vec<(f64, f64)> = chosen
-            .iter()
-            .map(|next| (self.goal.pace * next.minutes, next.error_v))
-            .collect();
-        let worth = Worth::of(&steps, self.error_v, aims);
+        let steps = chosen.iter().map(|next| Step {
+            minutes: self.goal.pace * next.minutes,
+            after_v: next.error_v,
+        });
+        let worth = Worth::of(&steps.collect::<Vec<_>>(), self.error_v, aims);
         if worth.count == 0 {
             let text = "no further measurement lowers the error of the loads";
             return Err(Ended::without_runs(End::NoExperiment, text));
@@ -403,55 +392,6 @@ impl Question for MapQuestion<'_> {
     }
 }
 
-/// The measurements that are worth their time.
-#[derive(Debug, PartialEq)]
-struct Worth {
-    /// Number of measurements to make; 0 if none lowers the error.
-    count: usize,
-    /// Time of those that take most off the error per minute, min.
-    minutes: f64,
-    /// What they take off, V.
-    gain_v: f64,
-}
-
-impl Worth {
-    /// Judges measurements by time (min) and error after each (V), up to the one that reaches the aim. The
-    /// first ones that take most off the error per minute count together, because the first measurement at
-    /// a place carries the way to it; further ones are added while each is worth its own time.
-    fn of(steps: &[(f64, f64)], before_v: f64, aims: &Aims) -> Self {
-        let reaching = steps
-            .iter()
-            .position(|(_, after_v)| *after_v <= aims.error_v);
-        let steps = reaching.map_or(steps, |last| &steps[..=last]);
-        let mut best = Self {
-            count: 0,
-            minutes: 0.0,
-            gain_v: 0.0,
-        };
-        let mut minutes = 0.0;
-        for (count, (own, after_v)) in (1..).zip(steps) {
-            minutes += own;
-            let gain_v = before_v - after_v;
-            if gain_v > 0.0 && gain_v * best.minutes >= best.gain_v * minutes {
-                best = Self {
-                    count,
-                    minutes,
-                    gain_v,
-                };
-            }
-        }
-        let mut last_v = before_v - best.gain_v;
-        for (own, after_v) in steps.iter().skip(best.count) {
-            if best.count == 0 || 60.0 * (last_v - after_v) < aims.least_v_per_h * own {
-                break;
-            }
-            last_v = *after_v;
-            best.count += 1;
-        }
-        best
-    }
-}
-
 /// Points in words.
 fn in_words(places: &[MapPlace]) -> Vec<String> {
     let word = |place: &MapPlace| {
@@ -464,40 +404,4 @@ fn in_words(places: &[MapPlace]) -> Vec<String> {
         format!("{soc} % at {degc} °C: {what}")
     };
     places.iter().map(word).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_first_measurement_and_those_beside_it_are_judged_together() {
-        let aims = |error_mv: f64, least_mv_per_h: f64| Aims {
-            demands: Demands {
-                under: Vec::new(),
-                at_degc: Vec::new(),
-                series: 1,
-                parallel: 1,
-            },
-            error_v: 1e-3 * error_mv,
-            least_v_per_h: 1e-3 * least_mv_per_h,
-        };
-        // The way to a place takes most of an hour; what is beside it is cheap.
-        let steps = [
-            (60.0, 9.8e-3),
-            (10.0, 9.0e-3),
-            (30.0, 8.9e-3),
-            (60.0, 8.88e-3),
-        ];
-        let of = |error_mv, least| Worth::of(&steps, 10.0e-3, &aims(error_mv, least));
-        let worth = of(0.0, 0.5);
-        assert_eq!((worth.count, worth.minutes), (2, 70.0));
-        assert!((worth.gain_v - 1.0e-3).abs() < 1e-12);
-        assert_eq!(of(0.0, 0.1).count, 3);
-        assert_eq!(of(9.9, 0.5).count, 1);
-        assert_eq!(
-            Worth::of(&[(5.0, 10.0e-3)], 10.0e-3, &aims(0.0, 0.0)).count,
-            0
-        );
-    }
 }

@@ -15,6 +15,7 @@ mod page;
 mod played;
 mod price;
 mod rule;
+mod worth;
 
 use std::{
     path::PathBuf,
@@ -45,11 +46,12 @@ use bench_core::safety::failure::Failure;
 use bench_plan::config::Experiment;
 pub use investigation::{FollowUpRun, Investigation, NotPlayed, Step, WhyNot};
 pub use join::{Later, add_played};
-pub use map::{Aims, investigate_map};
+pub use map::investigate_map;
 pub use map_result::{MapEnd, MapInvestigation, Round};
 pub use page::not_played_text;
 pub use played::Means;
 pub use rule::{Budget, End, MOST_AGAIN, MOST_RUNS, most_played, settled, verdict_named};
+pub use worth::Aims;
 
 /// Name of the schema of `investigation.json`.
 const SCHEMA: &str = "eis-bench/investigation";

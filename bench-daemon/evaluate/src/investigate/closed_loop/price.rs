@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use analysis::run_folder::{READINGS, ReadingRow};
-use bench_core::journal::{self, Entry};
+use bench_core::journal::{self, Entry, Line};
 use bench_plan::plan::{Flow, Leg, Plan, Purpose, Stage, Step};
 
 use super::rule::Budget;
@@ -58,11 +58,12 @@ fn current_of_full_charge(step: &Step) -> Option<f64> {
 /// run without points. Full charges, temperatures and controls do not count: they depend on where the
 /// cell was and on persons.
 pub(super) fn pace(plan: &Plan, folder: &Path) -> f64 {
-    let Ok(read) = journal::read(folder) else {
-        return 1.0;
-    };
+    journal::read(folder).map_or(1.0, |read| pace_of(plan, &read.lines))
+}
+
+fn pace_of(plan: &Plan, lines: &[Line]) -> f64 {
     let (mut begun, mut taken_s) = (BTreeMap::new(), BTreeMap::new());
-    for line in &read.lines {
+    for line in lines {
         match line.entry {
             Entry::Stage { stage } => {
                 begun.insert(stage, line.time_s);
@@ -151,6 +152,34 @@ mod tests {
         let legs_ah = 3.0 * 0.8 * map.capacity_coulomb / 3600.0;
         let pulses_ah = from_full.charge_ah - legs_ah;
         assert!((0.0..1.0).contains(&pulses_ah), "{pulses_ah}");
+    }
+
+    #[test]
+    fn the_pace_is_that_of_the_points_and_at_least_one() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/experiments/map.toml");
+        let plan = procedure::plan(&load_experiment(&file, None).unwrap());
+        let pace = |at_points: f64, elsewhere: f64| {
+            let (mut lines, mut time_s) = (Vec::new(), 0.0);
+            for (stage, one) in plan.stages.iter().enumerate() {
+                let factor = if is_at_point(one) {
+                    at_points
+                } else {
+                    elsewhere
+                };
+                for entry in [Entry::Stage { stage }, Entry::StageDone { stage }] {
+                    lines.push(Line {
+                        number: 1,
+                        time_s,
+                        entry,
+                    });
+                    time_s += factor * one.steps.iter().map(Step::expected_s).sum::<f64>();
+                }
+            }
+            pace_of(&plan, &lines)
+        };
+        assert!((pace(1.5, 9.0) - 1.5).abs() < 1e-9);
+        assert_eq!(pace(0.5, 9.0), 1.0);
+        assert_eq!(pace_of(&plan, &[]), 1.0);
     }
 
     #[test]
