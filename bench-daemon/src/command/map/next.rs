@@ -14,7 +14,7 @@ use bench_evaluate::{
     investigate::cell_map::{
         base::{Base, folder_of},
         data::measured_places,
-        offers::Offers,
+        offers::{Offers, check_errors},
     },
     run::Recorded,
 };
@@ -138,7 +138,10 @@ pub(super) fn plan(args: &NextArgs, wanted: &Wanted, fitted: Fitted) -> Result<N
     };
     let loads = demands.loads(&wanted.profiles, &degc, fitted)?;
     let count = args.next.map_or(0, std::num::NonZeroUsize::get);
-    plan_next(fitted, &loads, &choices, count).map_err(|error| Failure::Usage(error.to_string()))
+    let plan = plan_next(fitted, &loads, &choices, count)
+        .map_err(|error| Failure::Usage(error.to_string()))?;
+    check_errors(&plan)?;
+    Ok(plan)
 }
 
 /// Writes the experiment that measures the chosen points, if requested; returns how long it takes.

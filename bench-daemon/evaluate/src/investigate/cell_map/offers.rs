@@ -1,6 +1,6 @@
 //! What the bench of an experiment can measure at which point, and how long that takes.
 
-use analysis::map::{Choices, Measurement, Offer, PulsePart, Signal};
+use analysis::map::{Choices, Measurement, NextPlan, Offer, PulsePart, Signal};
 use bench_core::safety::failure::Failure;
 use bench_plan::{
     config::{Experiment, MapPlace},
@@ -25,9 +25,10 @@ impl Offers {
     /// between its own points, and at the charges of these.
     ///
     /// # Errors
-    /// No point that the limits of cell and bench allow.
+    /// No point that the limits of cell and bench allow; a base whose text cannot take other points.
     pub fn of(base: &Base) -> Result<Self, Failure> {
         let map = base.map();
+        base.at("next", &map.places)?;
         let mut offers = Self {
             choices: Choices {
                 offers: Vec::new(),
@@ -99,6 +100,30 @@ impl Offers {
         }
         self.choices.temperature_min = temperature_s / 60.0;
     }
+}
+
+/// Refuses a choice whose predicted errors are not finite.
+///
+/// # Errors
+/// The first such error, with its measurement.
+pub fn check_errors(plan: &NextPlan) -> Result<(), Failure> {
+    let refuse = |error_v: f64, when: String| {
+        Err(Failure::Analysis(format!(
+            "expected a finite error of the loads{when}, found {error_v} V: the data do not determine \
+            the map"
+        )))
+    };
+    if !plan.error_v.is_finite() {
+        return refuse(plan.error_v, String::new());
+    }
+    let wrong = plan.next.iter().find(|next| !next.error_v.is_finite());
+    wrong.map_or(Ok(()), |next| {
+        let (soc, degc) = (percent(next.soc), next.temperature_degc);
+        refuse(
+            next.error_v,
+            format!(" after a measurement at {soc} % and {degc} °C"),
+        )
+    })
 }
 
 /// States of charge to choose from, rising: those of the experiment, and every 10 % between its lowest and
@@ -191,5 +216,19 @@ mod tests {
         let base = Base::of(&load_experiment(&file, None).unwrap()).unwrap();
         let offered: Vec<f64> = socs(&base).into_iter().map(percent).collect();
         assert_eq!(offered, [20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0]);
+    }
+
+    #[test]
+    fn an_error_that_is_not_finite_is_refused() {
+        let plan = |error_v| NextPlan {
+            error_v,
+            next: Vec::new(),
+        };
+        assert!(check_errors(&plan(0.01)).is_ok());
+        let refused = check_errors(&plan(f64::NAN)).unwrap_err().to_string();
+        assert!(
+            refused.contains("expected a finite error of the loads, found NaN V"),
+            "{refused}"
+        );
     }
 }

@@ -30,7 +30,7 @@ use crate::investigate::{
     cell_map::{
         base::Base,
         data::{add_folder, measured_places, one_cell},
-        offers::Offers,
+        offers::{Offers, check_errors},
     },
     dataset::{Loaded, Reading, read_as},
 };
@@ -84,8 +84,21 @@ pub fn investigate_map(
         failure,
         ..question.investigation(&bench.so_far, Some(ended))
     };
-    investigation.write(means.out, &means.ocv)?;
-    Ok(investigation)
+    match (
+        investigation.write(means.out, &means.ocv),
+        investigation.failure,
+    ) {
+        (Ok(()), failure) => Ok(MapInvestigation {
+            failure,
+            ..investigation
+        }),
+        (Err(error), None) => Err(error),
+        // The error of the bench comes first.
+        (Err(error), Some(failure)) => {
+            remark!("{error}");
+            Err(failure)
+        }
+    }
 }
 
 /// The charge that a full charge after points returns, C: that below the last of them.
@@ -211,13 +224,7 @@ impl MapQuestion<'_> {
         let loads = demands.loads(self.goal.profiles, degc, fitted)?;
         let plan = plan_next(fitted, &loads, &self.offers.choices, MOST_OF_ROUND)
             .map_err(|error| Failure::Analysis(error.to_string()))?;
-        if !plan.error_v.is_finite() {
-            let reason = format!(
-                "expected a finite error of the loads, found {}: the data do not determine the map",
-                plan.error_v
-            );
-            return Err(Failure::Analysis(reason));
-        }
+        check_errors(&plan)?;
         self.error_v = plan.error_v;
         if let Some(last) = self.rounds.last_mut() {
             last.error_after_v = Some(plan.error_v);
