@@ -19,6 +19,8 @@ use bench_plan::{
     support::terminal::remark,
 };
 
+use instruments::units::Coulombs;
+
 use super::{
     map_result::{MapEnd, MapInvestigation, NAME, Round},
     played::{Bench, Ended, Means, Next, Planned, Played, Question, SoFar, campaign, folder_name},
@@ -102,9 +104,9 @@ pub fn investigate_map(
 }
 
 /// The charge that a full charge after points returns, C: that below the last of them.
-fn below_full_coulomb(map: &MapProcedure, places: &[MapPlace]) -> f64 {
+fn below_full_coulomb(map: &MapProcedure, places: &[MapPlace]) -> Coulombs {
     let soc = places.last().map_or(0.0, |place| place.soc);
-    ((1.0 - soc) * map.capacity_coulomb).value()
+    (1.0 - soc) * map.capacity_coulomb
 }
 
 /// What was measured so far.
@@ -169,7 +171,7 @@ struct Goal<'a> {
     /// counts the shortest rests.
     pace: f64,
     /// Charge that the cell lacks after the last run, C.
-    below_full_coulomb: f64,
+    below_full_coulomb: Coulombs,
 }
 
 /// The question of a map: what to measure next.

@@ -7,6 +7,7 @@ use bench_core::journal::{self, Entry, Line};
 use bench_plan::plan::{Flow, Leg, Plan, Purpose, Stage, Step};
 
 use super::rule::Budget;
+use instruments::units::{Amps, Coulombs, Seconds};
 
 /// Longest time between two readings of one current, s: after a longer one, the run was interrupted.
 const LONGEST_GAP_S: f64 = 60.0;
@@ -15,7 +16,7 @@ const WITHOUT_CHARGE: [&str; 4] = ["idle", "rest", "sine", "multisine"];
 
 /// Returns time and charge that the plan of a map takes. Each full charge returns what the point before
 /// it has left out, the first one `below_full_coulomb`.
-pub(super) fn expected(plan: &Plan, mut below_full_coulomb: f64) -> Budget {
+pub(super) fn expected(plan: &Plan, mut below_full_coulomb: Coulombs) -> Budget {
     let extent = plan.extent();
     let mut seconds = plan.expected_s();
     let mut coulomb = extent.into_coulomb + extent.out_coulomb;
@@ -33,13 +34,13 @@ pub(super) fn expected(plan: &Plan, mut below_full_coulomb: f64) -> Budget {
         }
     }
     Budget {
-        minutes: seconds / 60.0,
-        charge_ah: coulomb / 3600.0,
+        minutes: seconds / Seconds(60.0),
+        charge_ah: coulomb / Coulombs(3600.0),
     }
 }
 
 /// The current of a charge until the cell is full, A.
-fn current_of_full_charge(step: &Step) -> Option<f64> {
+fn current_of_full_charge(step: &Step) -> Option<Amps> {
     match step {
         Step::Leg(Leg {
             flow:
@@ -70,13 +71,13 @@ fn pace_of(plan: &Plan, lines: &[Line]) -> f64 {
             }
             Entry::StageDone { stage } => {
                 if let Some(begin_s) = begun.get(&stage) {
-                    taken_s.insert(stage, line.time_s - begin_s);
+                    taken_s.insert(stage, line.time_s - *begin_s);
                 }
             }
             _ => {}
         }
     }
-    let (mut measured_s, mut expected_s) = (0.0, 0.0);
+    let (mut measured_s, mut expected_s) = (Seconds(0.0), Seconds(0.0));
     for (number, stage) in plan
         .stages
         .iter()
@@ -84,11 +85,11 @@ fn pace_of(plan: &Plan, lines: &[Line]) -> f64 {
         .filter(|(_, one)| is_at_point(one))
     {
         if let Some(seconds) = taken_s.get(&number) {
-            measured_s += seconds;
-            expected_s += stage.steps.iter().map(Step::expected_s).sum::<f64>();
+            measured_s += *seconds;
+            expected_s += stage.steps.iter().map(Step::expected_s).sum::<Seconds>();
         }
     }
-    if expected_s > 0.0 {
+    if expected_s > Seconds(0.0) {
         f64::max(1.0, measured_s / expected_s)
     } else {
         1.0
@@ -142,14 +143,14 @@ mod tests {
         let plan = procedure::plan(&experiment);
         let (from_half, from_full) = (
             expected(&plan, 0.5 * map.capacity_coulomb),
-            expected(&plan, 0.0),
+            expected(&plan, Coulombs(0.0)),
         );
-        let half_ah = map.capacity_coulomb / 7200.0;
+        let half_ah = map.capacity_coulomb.value() / 7200.0;
         assert!((from_half.charge_ah - from_full.charge_ah - half_ah).abs() < 1e-9);
-        let minutes = 60.0 * half_ah / map.legs.charge_a;
+        let minutes = 60.0 * half_ah / map.legs.charge_a.value();
         assert!((from_half.minutes - from_full.minutes - minutes).abs() < 1e-6);
         // 80 % out at each of two temperatures and once in again, and pulses.
-        let legs_ah = 3.0 * 0.8 * map.capacity_coulomb / 3600.0;
+        let legs_ah = 3.0 * 0.8 * map.capacity_coulomb.value() / 3600.0;
         let pulses_ah = from_full.charge_ah - legs_ah;
         assert!((0.0..1.0).contains(&pulses_ah), "{pulses_ah}");
     }
@@ -159,7 +160,7 @@ mod tests {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/experiments/map.toml");
         let plan = procedure::plan(&load_experiment(&file, None).unwrap());
         let pace = |at_points: f64, elsewhere: f64| {
-            let (mut lines, mut time_s) = (Vec::new(), 0.0);
+            let (mut lines, mut time_s) = (Vec::new(), Seconds(0.0));
             for (stage, one) in plan.stages.iter().enumerate() {
                 let factor = if is_at_point(one) {
                     at_points
@@ -172,7 +173,7 @@ mod tests {
                         time_s,
                         entry,
                     });
-                    time_s += factor * one.steps.iter().map(Step::expected_s).sum::<f64>();
+                    time_s += factor * one.steps.iter().map(Step::expected_s).sum::<Seconds>();
                 }
             }
             pace_of(&plan, &lines)
