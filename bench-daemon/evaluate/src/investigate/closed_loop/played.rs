@@ -71,6 +71,12 @@ pub(super) struct Played<'a> {
     pub(super) left: Budget,
 }
 
+/// End of an investigation by an error.
+struct Broken {
+    ended: Ended,
+    failure: Failure,
+}
+
 /// What was spent and refused so far.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct SoFar {
@@ -146,13 +152,13 @@ impl<'a> Bench<'a> {
             match self.round(question) {
                 Ok(None) => {}
                 Ok(Some(ended)) => return (ended, None),
-                Err((ended, failure)) => return (ended, Some(failure)),
+                Err(broken) => return (broken.ended, Some(broken.failure)),
             }
         }
     }
 
     /// Plays the next experiment, or returns the end.
-    fn round(&mut self, question: &mut impl Question) -> Result<Option<Ended>, (Ended, Failure)> {
+    fn round(&mut self, question: &mut impl Question) -> Result<Option<Ended>, Box<Broken>> {
         let planned = match question.next(self.left()).map_err(failed)? {
             Next::Play(planned) => planned,
             Next::End(ended) => return Ok(Some(ended)),
@@ -173,7 +179,10 @@ impl<'a> Bench<'a> {
         self.so_far.spent = self.so_far.spent.plus(price);
         let finished = finished.map_err(|failure| {
             let text = format!("a run ended early: {}: {failure}", planned.description);
-            (Ended::without_runs(End::Stopped, text), failure)
+            Box::new(Broken {
+                ended: Ended::without_runs(End::Stopped, text),
+                failure,
+            })
         })?;
         self.so_far.refused += finished.measured.refused();
         let left = self.left();
@@ -188,12 +197,15 @@ impl<'a> Bench<'a> {
 }
 
 /// The end by an error between two runs.
-fn failed(failure: Failure) -> (Ended, Failure) {
+fn failed(failure: Failure) -> Box<Broken> {
     ended_by(End::Failed, failure)
 }
 
-fn ended_by(end: End, failure: Failure) -> (Ended, Failure) {
-    (Ended::without_runs(end, failure.to_string()), failure)
+fn ended_by(end: End, failure: Failure) -> Box<Broken> {
+    Box::new(Broken {
+        ended: Ended::without_runs(end, failure.to_string()),
+        failure,
+    })
 }
 
 /// The last part of a path, as results name a run folder.
