@@ -46,13 +46,11 @@ impl Model {
         let state = runs.mean_state(curve);
         let state =
             state.ok_or("diagnose: expected runs with a state on the OCV curve, met none")?;
-        let mut notes = Vec::new();
-        if let Some((model, note)) = given.at_state(state.soc, state.temperature_degc) {
-            base.erm = model.erm;
-            base.ocv = model.ocv.unwrap_or(base.ocv);
-            notes.push(note);
-        }
-        notes.extend(state.remark());
+        let Some((model, notes)) = given.at_state(&state) else {
+            return Ok((base, Vec::new()));
+        };
+        base.erm = model.erm;
+        base.ocv = model.ocv.unwrap_or(base.ocv);
         Ok((base, notes))
     }
 

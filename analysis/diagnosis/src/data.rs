@@ -2,6 +2,7 @@
 //! its history.
 
 use analysis_effects::{augmented::Between, contract::CommonModeImpedance};
+use analysis_fit::given::StateOfRuns;
 use analysis_model::ocv::OcvCurve;
 use analysis_signal::{calibration::CommonError, history::BenchHistory, series::TimeSeries};
 use num_complex::Complex64;
@@ -27,40 +28,10 @@ pub struct DataSet {
     pub calibration: Option<CommonError>,
 }
 
-/// Distance of two states of charge, and of two temperatures, K, that one model of small signals covers.
-const NEAR_SOC: f64 = 0.1;
-const NEAR_K: f64 = 5.0;
-
-/// State at which the runs of a cell start.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MeanState {
-    /// Mean state of charge, 0…1.
-    pub soc: f64,
-    /// Mean temperature, °C.
-    pub temperature_degc: f64,
-    /// Largest difference of the states of charge.
-    pub spread_soc: f64,
-    /// Largest difference of the temperatures, K.
-    pub spread_k: f64,
-}
-
-impl MeanState {
-    /// Returns a remark if one model does not cover the runs.
-    pub fn remark(&self) -> Option<String> {
-        (self.spread_soc > NEAR_SOC || self.spread_k > NEAR_K).then(|| {
-            format!(
-                "the runs start at states up to {:.2} of charge and {:.1} K apart, which one model of small \
-                signals does not cover: part of the gap may be the distance from its state",
-                self.spread_soc, self.spread_k
-            )
-        })
-    }
-}
-
 impl DataSet {
     /// Returns the state at which the runs of cells start, those without a state on the curve left out;
     /// `None` without runs.
-    pub fn mean_state(&self, ocv: &OcvCurve) -> Option<MeanState> {
+    pub fn mean_state(&self, ocv: &OcvCurve) -> Option<StateOfRuns> {
         let of_run = |run: &Run| {
             let soc = match run.start {
                 Start::Soc(soc) => soc,
@@ -82,7 +53,7 @@ impl DataSet {
         };
         let (soc, spread_soc) = mean_and_spread(|state| state.0);
         let (temperature_degc, spread_k) = mean_and_spread(|state| state.1);
-        Some(MeanState {
+        Some(StateOfRuns {
             soc,
             temperature_degc,
             spread_soc,

@@ -312,7 +312,11 @@ impl CellMap {
             }
         }
         if let Some(error) = &self.voltage_error {
-            error.validate(self.temperature_degc.len())?;
+            let nodes = self.temperature_degc.len();
+            length("voltage_error.share", nodes, error.share.len())?;
+            zero_or_more("voltage_error.rest_v", &[error.rest_v])?;
+            zero_or_more("voltage_error.soc", &[error.soc])?;
+            zero_or_more("voltage_error.share", &error.share)?;
         }
         Ok(())
     }
@@ -402,6 +406,18 @@ impl CellMap {
             .iter()
             .map(|(k, share)| share * (self.ocv_offset_v[*k] + warmer_k * self.ocv_v_per_k[*k]))
             .sum()
+    }
+
+    /// Returns the weights of the temperature nodes at a place.
+    pub fn temperature_weights(&self, at: &Place) -> [(usize, f64); 2] {
+        at.temperature.pairs(self.temperature_degc.len())
+    }
+
+    /// Returns the standard deviation of the predicted voltage of a cell, V, from the slope dOCV/dSOC,
+    /// V, and the overpotential, V, at a place; `None` if the map does not state its error.
+    pub fn sigma_v(&self, at: &Place, slope_v: f64, overpotential_v: f64) -> Option<f64> {
+        let error = self.voltage_error.as_ref()?;
+        Some(error.sigma_v(self.temperature_weights(at), slope_v, overpotential_v))
     }
 
     /// Returns an OCV curve with the correction at a temperature, °C; `None` if the corrected knots do not

@@ -9,10 +9,12 @@ mod error;
 mod ladder;
 mod model;
 mod plain;
+mod state;
 
 pub use error::{GivenError, LadderError, MOST_BRANCHES, REFUSED};
 pub use ladder::{Bands, Followed, Ladder, LeftOut, TARGET, follow};
 pub use plain::PlainModel;
+pub use state::StateOfRuns;
 
 use crate::fit::{Addition, JsonError, ModelFile, RefusedPoint, augmented};
 use analysis_effects::{augmented::Augmented, contract::Facts};
@@ -144,11 +146,12 @@ impl GivenModel {
     }
 
     /// Returns a model with a map as that of one state of charge and temperature, °C, for small signals.
-    /// Branches that the map has switched off there are left out, and the
-    /// OCV curve has the map's correction. Also returns sentences that name the state, and what had to be
-    /// left; `None` for a model without a map.
-    pub fn at_state(&self, soc: f64, temperature_degc: f64) -> Option<(Self, String)> {
+    /// Branches that the map has switched off there are left out, and the OCV curve has the map's
+    /// correction. Also returns remarks that name the state, and what it leaves open; `None` for a model
+    /// without a map.
+    pub fn at_state(&self, state: &StateOfRuns) -> Option<(Self, Vec<String>)> {
         let map = self.map.as_ref()?;
+        let (soc, temperature_degc) = (state.soc, state.temperature_degc);
         let mut erm = map.model_at(soc, temperature_degc);
         let least_ohm = LEAST_BRANCH * erm.dc_resistance_ohm();
         erm.branches.retain(|branch| branch.r_ohm >= least_ohm);
@@ -171,7 +174,8 @@ impl GivenModel {
             map: None,
             ..self.clone()
         };
-        Some((model, note))
+        let remark = state.remark();
+        Some((model, [note].into_iter().chain(remark).collect()))
     }
 
     /// Returns a note for tasks that know one point only; `None` for a model without a map.

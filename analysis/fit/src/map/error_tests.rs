@@ -51,7 +51,7 @@ fn the_error_of_one_held_out_log_covers_another() {
     let inside = covered(&fit.map, &curve(), &other, &errors_v).unwrap();
     assert!((0.9..=1.0).contains(&inside), "{inside}");
     // Half the error covers less: the band is not wide by its floor.
-    let mut narrow = fit.map.clone();
+    let mut narrow = fit.map;
     narrow.voltage_error = Some(VoltageError {
         share: error.share.iter().map(|share| 0.5 * share).collect(),
         ..error

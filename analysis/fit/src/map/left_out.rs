@@ -97,7 +97,7 @@ impl<'a> LeftOut<'a> {
             .spectra
             .iter()
             .find(|(sweep, _)| std::ptr::eq(*sweep, spectrum));
-        let error = (*found?).1?;
+        let error = found?.1?;
         Some(LeftOutScore {
             part: error.part,
             sigma_part: error.sigma_part,

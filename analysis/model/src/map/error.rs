@@ -1,6 +1,5 @@
 //! Error of the voltage that a map predicts.
 
-use super::{CellMap, MapError, Place, length, zero_or_more};
 use serde::{Deserialize, Serialize};
 
 /// Half width of a band that holds 95 % of the errors, over their standard deviation.
@@ -33,31 +32,17 @@ pub enum ErrorSource {
 }
 
 impl VoltageError {
-    pub(super) fn validate(&self, nodes: usize) -> Result<(), MapError> {
-        length("voltage_error.share", nodes, self.share.len())?;
-        zero_or_more("voltage_error.rest_v", &[self.rest_v])?;
-        zero_or_more("voltage_error.soc", &[self.soc])?;
-        zero_or_more("voltage_error.share", &self.share)
-    }
-}
-
-impl CellMap {
-    /// Returns the standard deviation of the predicted voltage of a cell, V, from the slope dOCV/dSOC,
-    /// V, and the overpotential, V, at a place; `None` if the map does not state its error.
-    pub fn sigma_v(&self, at: &Place, slope_v: f64, overpotential_v: f64) -> Option<f64> {
-        let error = self.voltage_error.as_ref()?;
-        let weights = self.temperature_weights(at);
-        let share: f64 = weights
-            .map(|(j, w)| w * error.share[j].powi(2))
-            .iter()
-            .sum();
+    /// Returns the standard deviation between temperature nodes, given as indices and weights, V, from the
+    /// slope dOCV/dSOC, V, and the overpotential, V.
+    pub(super) fn sigma_v(
+        &self,
+        nodes: [(usize, f64); 2],
+        slope_v: f64,
+        overpotential_v: f64,
+    ) -> f64 {
+        let share: f64 = nodes.map(|(j, w)| w * self.share[j].powi(2)).iter().sum();
         let variance =
-            error.rest_v.powi(2) + (error.soc * slope_v).powi(2) + share * overpotential_v.powi(2);
-        Some(variance.sqrt())
-    }
-
-    /// Returns the weights of the temperature nodes at a place.
-    pub fn temperature_weights(&self, at: &Place) -> [(usize, f64); 2] {
-        at.temperature.pairs(self.temperature_degc.len())
+            self.rest_v.powi(2) + (self.soc * slope_v).powi(2) + share * overpotential_v.powi(2);
+        variance.sqrt()
     }
 }

@@ -241,13 +241,12 @@ impl Judged {
         let (mut model, mut file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
         // A map is judged by its model at the state of the cell's runs.
         if let Some(state) = loaded.set.mean_state(&model.ocv)
-            && let Some((at_state, note)) = file
+            && let Some((at_state, notes)) = file
                 .clone()
                 .with_ocv(Some(model.ocv.clone()))
-                .at_state(state.soc, state.temperature_degc)
+                .at_state(&state)
         {
-            loaded.notes.push(note);
-            loaded.notes.extend(state.remark());
+            loaded.notes.extend(notes);
             model.erm = at_state.erm.clone();
             model.ocv = at_state.ocv.clone().unwrap_or(model.ocv);
             file = at_state;
