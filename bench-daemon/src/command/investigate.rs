@@ -56,7 +56,7 @@ pub struct InvestigateArgs {
     /// Charge that these experiments may move in either direction, Ah.
     #[arg(long, default_value_t = 20.0, value_name = "AH", value_parser = units::of::<Charge>)]
     pub budget_ah: f64,
-    /// Loads of an experiment with a [map].
+    /// Loads of an experiment with a `[map]`.
     #[command(flatten)]
     pub loads: LoadArgs,
     /// Predicted error of the voltage under the loads at which the map is good enough, one standard

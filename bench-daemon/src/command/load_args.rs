@@ -13,8 +13,8 @@ pub struct LoadArgs {
     /// minutes.
     #[arg(long, value_name = "PROFILE")]
     pub under: Vec<PathBuf>,
-    /// Temperatures at which the loads flow, °C, separated by commas [default: those of the [map] of
-    /// the experiment, else those of the fitted map]
+    /// Temperatures at which the loads flow, °C, separated by commas [default: those of the
+    /// experiment's map, else those of the fitted map]
     #[arg(
         long,
         value_name = "LIST",
