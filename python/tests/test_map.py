@@ -144,6 +144,6 @@ def test_what_cannot_be_fitted_is_refused():
     del bare["temperature_c"]
     with pytest.raises(eb.EisError, match="expected a column of temperatures"):
         eb.fit_map([eb.MapRecord(bare, soc_start=1.0)], curve())
-    short = eb.Spectrum("short", [1.0, 2.0], [0.01 - 0.001j, 0.01 - 0.001j])
+    short = eb.Spectrum("short", np.array([1.0, 2.0]), np.full(2, 0.01 - 0.001j))
     with pytest.raises(eb.EisError, match="short: expected at least"):
         eb.fit_map([], curve(), [eb.MapSpectrum(short, 0.5, 25.0)])

@@ -140,8 +140,8 @@ class CellMap:
 
 def _record(given: Any) -> Fields:
     record = given if isinstance(given, MapRecord) else MapRecord(given)
-    found = columns_of(record.series, ("time_s", "current_a", "voltage_v"))
-    column = {k: numbers(k, found[k]) for k in ("temperature_c", "net_ah") if k in found}
+    found = columns_of(record.series, ("temperature_c", "net_ah"))
+    column = {name: numbers(name, values) for name, values in found.items()}
     return Fields(
         name=record.name,
         held_out=record.held_out,
