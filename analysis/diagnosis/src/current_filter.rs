@@ -14,7 +14,7 @@ use std::ops::Range;
 use analysis_effects::augmented::Between;
 use serde::Serialize;
 
-use super::data::{DataSet, Fixture, Run, RunData, Start, TimeRecord};
+use super::data::{DataSet, Fixture, Run, RunData, TimeRecord};
 use super::edges::UNIFORM;
 use super::median::median;
 use super::prepare::BaseModel;
@@ -338,10 +338,7 @@ impl<'a> Cut<'a> {
         if record.interval_s() > FILTER_TRIED_S.1 {
             return None;
         }
-        let soc = match run.start {
-            Start::Soc(soc) => soc,
-            Start::Ocv(ocv_v) => model.ocv.soc_at(ocv_v)?,
-        };
+        let soc = run.start.soc(&model.ocv)?;
         let by_voltage_a = inverse(record, soc, model);
         let steps: Vec<f64> = by_voltage_a.windows(2).map(|w| w[1] - w[0]).collect();
         let mut sizes: Vec<f64> = steps.iter().map(|a| a.abs()).collect();

@@ -32,13 +32,7 @@ impl DataSet {
     /// Returns the state at which the runs of cells start, those without a state on the curve left out;
     /// `None` without runs.
     pub fn mean_state(&self, ocv: &OcvCurve) -> Option<StateOfRuns> {
-        let of_run = |run: &Run| {
-            let soc = match run.start {
-                Start::Soc(soc) => soc,
-                Start::Ocv(ocv_v) => ocv.soc_at(ocv_v)?,
-            };
-            Some((soc, run.temperature_degc))
-        };
+        let of_run = |run: &Run| Some((run.start.soc(ocv)?, run.temperature_degc));
         let cells = self.runs.iter();
         let cells = cells.filter(|run| matches!(run.fixture, Fixture::Cell(_)));
         let states: Vec<(f64, f64)> = cells.filter_map(of_run).collect();
@@ -112,6 +106,16 @@ pub enum Start {
     Soc(f64),
     /// At an open-circuit voltage, V.
     Ocv(f64),
+}
+
+impl Start {
+    /// Returns the state of charge; `None` for a voltage that the curve does not reach.
+    pub(super) fn soc(self, ocv: &OcvCurve) -> Option<f64> {
+        match self {
+            Self::Soc(soc) => Some(soc),
+            Self::Ocv(ocv_v) => ocv.soc_at(ocv_v),
+        }
+    }
 }
 
 /// Measured data of a run.

@@ -1,7 +1,7 @@
 //! Prepares the problem from a data set and a model: facts, blocks, noise.
 
 use super::block::{Block, DataSetError, Kind, Model, Workspace};
-use super::data::{DataSet, Fixture, Role, Run, RunData, Start};
+use super::data::{DataSet, Fixture, Role, Run, RunData};
 use super::estimate::{Estimate, estimate};
 use super::experiment::planned::PlannedRun;
 use super::guards::Guards;
@@ -330,10 +330,7 @@ fn facts(set: &DataSet, ocv: &OcvCurve) -> Facts {
     for run in &set.runs {
         widen(&mut orders, f64::from(run.order));
         widen(&mut starts, run.start_s);
-        let soc = match run.start {
-            Start::Soc(soc) => Some(soc),
-            Start::Ocv(v) => ocv.soc_at(v),
-        };
+        let soc = run.start.soc(ocv);
         let is_cell = matches!(run.fixture, Fixture::Cell(_));
         let (by_kind, warm) = match &run.data {
             RunData::Eis(sweep) => {

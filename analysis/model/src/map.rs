@@ -393,16 +393,15 @@ impl CellMap {
     /// Returns the nodes around a place and their weights.
     fn nodes(&self, at: &Place) -> Nodes {
         Nodes {
-            temperature: at.temperature.pairs(self.temperature_degc.len()),
-            soc: at.soc.pairs(self.soc.len()),
+            temperature: self.temperature_weights(at),
+            soc: self.soc_weights(at),
         }
     }
 
     /// Returns what is added to the OCV curve at a place and a temperature, V.
     pub fn ocv_correction_v(&self, at: &Place, temperature_degc: f64) -> f64 {
         let warmer_k = temperature_degc - self.ocv_temperature_degc;
-        at.soc
-            .pairs(self.soc.len())
+        self.soc_weights(at)
             .iter()
             .map(|(k, share)| share * (self.ocv_offset_v[*k] + warmer_k * self.ocv_v_per_k[*k]))
             .sum()
@@ -433,8 +432,7 @@ impl CellMap {
     /// Returns the weights of the nodes at a place in a surface with this activation energy, as
     /// `(temperature, SOC, weight)`: [`Self::resistance_ohm`] is their sum over the resistances.
     pub fn weights(&self, at: &Place, activation_j_per_mol: f64) -> [(usize, usize, f64); 4] {
-        let t = at.temperature.pairs(self.temperature_degc.len());
-        let z = at.soc.pairs(self.soc.len());
+        let (t, z) = (self.temperature_weights(at), self.soc_weights(at));
         let factor = |side: usize| t[side].1 * (activation_j_per_mol * at.exponents[side]).exp();
         let (cold, warm) = (factor(0), factor(1));
         [

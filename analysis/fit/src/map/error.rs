@@ -11,7 +11,7 @@ use super::solve::{Kinetics, Normal, Solved};
 use super::train::{CORRELATION_S, ERROR_V, SOC_ERROR, Train};
 use crate::drt::nonnegative;
 use analysis_model::{
-    map::{BAND_SIGMAS, CellMap, ErrorSource, VoltageError},
+    map::{BAND_SIGMAS, CellMap, ErrorSource, Place, VoltageError},
     ocv::OcvCurve,
 };
 use analysis_signal::series::Role;
@@ -97,43 +97,45 @@ pub(super) fn write(
     logs: &[Log],
     errors: &mut [LogErrors],
 ) {
-    for own in 0..logs.len() {
-        let Some(errors_v) = errors[own].unseen(from, &logs[own]) else {
+    let both = logs.iter().zip(&*errors);
+    let unseen =
+        both.map(|(log, errors)| Some(Squares::new(map, ocv, log, errors.unseen(from, log)?)));
+    let unseen: Vec<Option<Squares>> = unseen.collect();
+    for (own, log) in logs.iter().enumerate() {
+        let Some(errors_v) = errors[own].unseen(from, log) else {
             continue;
         };
-        let others = logs.iter().zip(&*errors).enumerate();
-        let others = others.filter(|(other, _)| *other != own);
-        map.voltage_error = measure(map, ocv, from, others.map(|(_, both)| both));
-        let covered = covered(map, ocv, &logs[own], errors_v);
+        let others = unseen.iter().enumerate().filter(|(other, _)| *other != own);
+        let others: Vec<&Squares> = others.filter_map(|(_, squares)| squares.as_ref()).collect();
+        map.voltage_error = measure(from, &others);
+        let covered = covered(map, ocv, log, errors_v);
         errors[own].covered = covered;
     }
-    map.voltage_error = measure(map, ocv, from, logs.iter().zip(&*errors));
+    let all: Vec<&Squares> = unseen.iter().flatten().collect();
+    map.voltage_error = measure(from, &all);
 }
 
-/// Measures the error on logs with what a map that has not seen them misses; `None` if none lies above
-/// SOC 0.1.
-fn measure<'a>(
-    map: &CellMap,
-    ocv: &OcvCurve,
-    from: ErrorSource,
-    logs: impl Iterator<Item = (&'a Log, &'a LogErrors)>,
-) -> Option<VoltageError> {
-    let terms = 1 + map.temperature_degc.len();
-    let (mut features, mut squares, mut stands) = (Vec::new(), Vec::new(), Vec::new());
-    for (log, errors) in logs {
-        let Some(errors_v) = errors.unseen(from, log) else {
-            continue;
-        };
+/// Squares of the errors of a log, what they are fitted to, and the time that each stands for, s.
+struct Squares {
+    /// Rows of the square of the assumed error, and of the squared overpotential by temperature node.
+    features: Vec<f64>,
+    squares: Vec<f64>,
+    stands_s: Vec<f64>,
+}
+
+impl Squares {
+    fn new(map: &CellMap, ocv: &OcvCurve, log: &Log, errors_v: &[f64]) -> Self {
         let samples = &log.samples;
+        let (mut features, mut squares, mut stands) = (Vec::new(), Vec::new(), Vec::new());
         for (k, stands_s) in counted(log, log.every()) {
             let (soc, error_v) = (samples.soc[k], errors_v[k]);
             if !error_v.is_finite() {
                 continue;
             }
-            let mut row = vec![0.0; terms];
+            let mut row = vec![0.0; 1 + map.temperature_degc.len()];
             row[0] = ERROR_V.powi(2) + (SOC_ERROR * ocv.slope_v(soc)).powi(2);
             let at = map.place(soc, samples.temperature_degc[k]);
-            let overpotential_v = overpotential_v(map, log, k, error_v);
+            let overpotential_v = overpotential_v(map, &at, log, k, error_v);
             for (node, weight) in map.temperature_weights(&at) {
                 row[1 + node] += weight * overpotential_v.powi(2);
             }
@@ -141,15 +143,30 @@ fn measure<'a>(
             squares.push(error_v.powi(2));
             stands.push(stands_s);
         }
+        Self {
+            features,
+            squares,
+            stands_s: stands,
+        }
     }
+}
+
+/// Measures the error on logs that a map has not seen; `None` if none lies above SOC 0.1.
+fn measure(from: ErrorSource, logs: &[&Squares]) -> Option<VoltageError> {
+    let joined = |of: fn(&Squares) -> &[f64]| -> Vec<f64> {
+        let columns: Vec<&[f64]> = logs.iter().map(|log| of(log)).collect();
+        columns.concat()
+    };
+    let (features, squares) = (joined(|log| &log.features), joined(|log| &log.squares));
     if squares.is_empty() {
         return None;
     }
+    let terms = features.len() / squares.len();
     let rows = DMatrix::from_row_slice(squares.len(), terms, &features);
     let share = variances(
         &rows,
         &DVector::from_vec(squares),
-        &DVector::from_vec(stands),
+        &DVector::from_vec(joined(|log| &log.stands_s)),
     )?;
     Some(VoltageError {
         rest_v: ERROR_V * share[0].sqrt(),
@@ -205,11 +222,9 @@ fn couple(normal: &mut DMatrix<f64>) {
 }
 
 /// Overpotential that a map predicts where it misses the voltage by an error, V.
-pub(super) fn overpotential_v(map: &CellMap, log: &Log, k: usize, error_v: f64) -> f64 {
+fn overpotential_v(map: &CellMap, at: &Place, log: &Log, k: usize, error_v: f64) -> f64 {
     let samples = &log.samples;
-    let degc = samples.temperature_degc[k];
-    let at = map.place(samples.soc[k], degc);
-    let rest_v = samples.ocv_v[k] + map.ocv_correction_v(&at, degc);
+    let rest_v = samples.ocv_v[k] + map.ocv_correction_v(at, samples.temperature_degc[k]);
     rest_v - (samples.voltage_v[k] - error_v)
 }
 
@@ -221,7 +236,7 @@ pub(super) fn covered(map: &CellMap, ocv: &OcvCurve, log: &Log, errors_v: &[f64]
     for (k, stands_s) in counted(log, 1).filter(|(k, _)| errors_v[*k].is_finite()) {
         let soc = samples.soc[k];
         let at = map.place(soc, samples.temperature_degc[k]);
-        let overpotential_v = overpotential_v(map, log, k, errors_v[k]);
+        let overpotential_v = overpotential_v(map, &at, log, k, errors_v[k]);
         let sigma_v = map.sigma_v(&at, ocv.slope_v(soc), overpotential_v)?;
         all_s += stands_s;
         if errors_v[k].abs() <= BAND_SIGMAS * sigma_v {

@@ -26,6 +26,21 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// Refuses a current that is not above zero or exceeds its limit.
+    pub(crate) fn check_current(amps: Amps, limit: Amps, what: &str) -> Result<(), String> {
+        let fits = amps > Amps::ZERO && amps <= limit;
+        fits.then_some(())
+            .ok_or_else(|| format!("expected a {what} above 0 A, at most {limit}, found {amps}"))
+    }
+
+    /// Refuses a voltage outside the limits of the cell.
+    pub(crate) fn check_voltage(&self, volts: Volts, what: &str) -> Result<(), String> {
+        let (least, greatest) = (self.min_v, self.max_v);
+        let fits = (least..=greatest).contains(&volts);
+        fits.then_some(())
+            .ok_or_else(|| format!("expected {what} within {least} to {greatest}, found {volts}"))
+    }
+
     /// Returns the limits with reduced currents, A: the smaller value of each applies.
     #[must_use]
     pub fn bounded(self, charge_a: Amps, discharge_a: Amps) -> Self {

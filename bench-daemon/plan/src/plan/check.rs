@@ -80,24 +80,7 @@ impl Plan {
 
 impl Step {
     fn check(&self, limits: &Limits, powered: bool) -> Result<(), String> {
-        let current = |amps: Amps, limit: Amps, what: &str| {
-            (amps > Amps::ZERO && amps <= limit)
-                .then_some(())
-                .ok_or_else(|| {
-                    format!("expected a {what} above 0 A, at most {limit}, found {amps}")
-                })
-        };
-        let window = |volts: Volts, what: &str| {
-            (limits.min_v..=limits.max_v)
-                .contains(&volts)
-                .then_some(())
-                .ok_or_else(|| {
-                    format!(
-                        "expected {what} within {} to {}, found {volts}",
-                        limits.min_v, limits.max_v
-                    )
-                })
-        };
+        let window = |volts: Volts, what: &str| limits.check_voltage(volts, what);
         let needs_off = || {
             if powered {
                 Err("expected the bipolar supply to be down".to_owned())
@@ -125,7 +108,7 @@ impl Step {
                 current_a, until_v, ..
             } => {
                 needs_off()?;
-                current(current_a, limits.discharge_a, "discharge current")?;
+                Limits::check_current(current_a, limits.discharge_a, "discharge current")?;
                 window(until_v, "the end of the discharge")?;
             }
             Self::Charge {
@@ -135,7 +118,7 @@ impl Step {
                 ..
             } => {
                 needs_off()?;
-                current(current_a, limits.charge_a, "charge current")?;
+                Limits::check_current(current_a, limits.charge_a, "charge current")?;
                 window(limit_v, "the limit of the supply")?;
                 window(until_v, "the end of the charge")?;
             }
@@ -170,7 +153,7 @@ impl Step {
                         {compliance_v}"
                     ));
                 }
-                current(
+                Limits::check_current(
                     limit_a,
                     1.5 * limits.charge_a.min(limits.discharge_a),
                     "current limit",
@@ -184,7 +167,7 @@ impl Step {
                 if !powered {
                     return Err("expected the bipolar supply to be up".to_owned());
                 }
-                current(
+                Limits::check_current(
                     amplitude_a,
                     limits.charge_a.min(limits.discharge_a),
                     "amplitude",
@@ -203,7 +186,7 @@ impl Step {
                 } else {
                     (limits.discharge_a, "discharge current")
                 };
-                current(recharge.current_a.abs(), limit, what)?;
+                Limits::check_current(recharge.current_a.abs(), limit, what)?;
             }
             Self::Multisine(ref band) => {
                 if !powered {

@@ -121,24 +121,7 @@ impl Leg {
 
     /// Returns an error if the leg could exceed the limits of the cell.
     pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
-        let current = |amps: Amps, limit: Amps, what: &str| {
-            (amps > Amps::ZERO && amps <= limit)
-                .then_some(())
-                .ok_or_else(|| {
-                    format!("expected a {what} current above 0 A, at most {limit}, found {amps}")
-                })
-        };
-        let window = |volts: Volts, what: &str| {
-            (limits.min_v..=limits.max_v)
-                .contains(&volts)
-                .then_some(())
-                .ok_or_else(|| {
-                    format!(
-                        "expected {what} within {} V to {} V, found {volts}",
-                        limits.min_v.0, limits.max_v.0
-                    )
-                })
-        };
+        let window = |volts: Volts, what: &str| limits.check_voltage(volts, what);
         match self.flow {
             Flow::Discharge {
                 current_a, until_v, ..
@@ -146,7 +129,7 @@ impl Leg {
             | Flow::DischargeTo {
                 current_a, until_v, ..
             } => {
-                current(current_a, limits.discharge_a, "discharge")?;
+                Limits::check_current(current_a, limits.discharge_a, "discharge current")?;
                 window(until_v, "the end of the discharge")
             }
             Flow::Charge {
@@ -155,7 +138,7 @@ impl Leg {
                 cut_off_a,
                 ..
             } => {
-                current(current_a, limits.charge_a, "charge")?;
+                Limits::check_current(current_a, limits.charge_a, "charge current")?;
                 window(limit_v, "the limit of the supply")?;
                 let falls = cut_off_a > Amps::ZERO && cut_off_a < current_a;
                 falls.then_some(()).ok_or_else(|| {

@@ -18,6 +18,13 @@ const TEMPER_S: Seconds = Seconds(180.0);
 /// for more than a whole cell, and a reset moves about a tenth of a cell in each direction.
 const RESET_SHARE: f64 = 0.055;
 
+impl Stage {
+    /// Returns the expected duration of all its steps, bench s.
+    pub fn expected_s(&self) -> Seconds {
+        self.steps.iter().map(Step::expected_s).sum()
+    }
+}
+
 impl Plan {
     /// Returns the expected duration, bench s: fixed waits in full, others by a rule of thumb. The
     /// first attempt of a reset is assumed to succeed.

@@ -84,10 +84,12 @@ impl Offers {
 
     /// Takes the measurements of a plan of one point.
     fn take(&mut self, plan: &Plan) {
-        let mut temperature_s = 0.0;
+        let mut temperature_s = Seconds(0.0);
         for stage in &plan.stages {
             match (stage.purpose, stage.point()) {
-                (Purpose::Temperature | Purpose::SocReset, _) => temperature_s += expected_s(stage),
+                (Purpose::Temperature | Purpose::SocReset, _) => {
+                    temperature_s += stage.expected_s();
+                }
                 (Purpose::MapPoint, _) => {
                     let rests = stage.steps.iter();
                     let rests = rests.filter(|step| matches!(step, Step::Rest { .. }));
@@ -98,7 +100,7 @@ impl Offers {
                 (_, None) => {}
             }
         }
-        self.choices.temperature_min = temperature_s / 60.0;
+        self.choices.temperature_min = temperature_s / Seconds(60.0);
     }
 }
 
@@ -153,15 +155,6 @@ fn planned(base: &Base, place: &MapPlace) -> Result<Plan, String> {
         .map_err(|error| error.to_string())
 }
 
-fn expected_s(stage: &Stage) -> f64 {
-    stage
-        .steps
-        .iter()
-        .map(Step::expected_s)
-        .sum::<Seconds>()
-        .value()
-}
-
 /// What a stage measures at a point.
 fn offer(stage: &Stage, point: &MapPoint) -> Option<Offer> {
     let mut freqs_hz = Vec::new();
@@ -186,7 +179,7 @@ fn offer(stage: &Stage, point: &MapPoint) -> Option<Offer> {
         soc: point.soc,
         temperature_degc: point.temperature_degc.value(),
         signal,
-        minutes: expected_s(stage) / 60.0,
+        minutes: stage.expected_s() / Seconds(60.0),
     })
 }
 

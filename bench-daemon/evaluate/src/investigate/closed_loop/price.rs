@@ -86,7 +86,7 @@ fn pace_of(plan: &Plan, lines: &[Line]) -> f64 {
     {
         if let Some(seconds) = taken_s.get(&number) {
             measured_s += *seconds;
-            expected_s += stage.steps.iter().map(Step::expected_s).sum::<Seconds>();
+            expected_s += stage.expected_s();
         }
     }
     if expected_s > Seconds(0.0) {
@@ -173,7 +173,7 @@ mod tests {
                         time_s,
                         entry,
                     });
-                    time_s += factor * one.steps.iter().map(Step::expected_s).sum::<Seconds>();
+                    time_s += factor * one.expected_s();
                 }
             }
             pace_of(&plan, &lines)
