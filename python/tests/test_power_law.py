@@ -22,8 +22,8 @@ def cell():
     return eb.Model(R_OHM, BRANCHES).with_ocv(ocv["capacity_ah"], ocv["soc"], ocv["ocv_v"])
 
 
-@pytest.fixture(scope="module")
-def mapped(tmp_path_factory):
+@pytest.fixture(scope="module", params=[None, 4.0], ids=["linear", "bent"])
+def mapped(request, tmp_path_factory):
     def surface(ohm):
         ohms = [[ohm * cold * z for z in (2.0, 1.0, 1.2)] for cold in (2.0, 1.0)]
         return {"activation_j_per_mol": 25e3, "r_ohm": ohms}
@@ -39,6 +39,9 @@ def mapped(tmp_path_factory):
         "ocv_temperature_degc": 25.0,
         "thermal": {"capacity_j_per_k": 60.0, "resistance_k_per_w": 6.0},
     }
+    if request.param:
+        law = {"exchange_current_a": request.param, "activation_j_per_mol": 40e3, "slowest_s": 10.0}
+        tables["charge_transfer"] = law
     ocv = {"capacity_ah": 4.5, "soc": [0, 0.5, 1], "ocv_v": [3, 3.7, 4.2], "slope_v": [2, 1.1, 1]}
     file = tmp_path_factory.mktemp("map") / "map.json"
     plain = {"r_ohm": 7e-3, "branches": [], "map": tables, "ocv": ocv}

@@ -8,8 +8,9 @@
 //! query states how far it lies outside ([`Outside`]).
 //!
 //! The voltage of a branch is continuous when its resistance moves, as that of a capacitor is:
-//! τ·dv/dt = R(z, T)·g(i) − v. Where the data show that the resistance falls under current, g bends the
-//! current of the fast branches by Butler–Volmer's law ([`ChargeTransfer`]); otherwise g(i) = i.
+//! τ·dv/dt = R(z, T)·i − v. Where the data show that the resistance falls under current, the fast
+//! branches lose their charge by Butler–Volmer's law ([`ChargeTransfer`]): b·sinh(v/b) in the place of v,
+//! with b = 2·i₀·R ([`Drive`]).
 
 mod branch_step;
 mod charge_transfer;
@@ -17,8 +18,8 @@ mod constants;
 mod error;
 mod values;
 
-pub use branch_step::BranchStep;
-pub use charge_transfer::{ChargeTransfer, Drive};
+pub use branch_step::{BranchEnd, BranchStep, Drive};
+pub use charge_transfer::ChargeTransfer;
 pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
 pub use error::{BAND_SIGMAS, ErrorSource, VoltageError};
 pub use values::MapValues;
@@ -446,16 +447,6 @@ impl CellMap {
     /// Returns the weights of the SOC knots at a place.
     pub fn soc_weights(&self, at: &Place) -> [(usize, f64); 2] {
         at.soc.pairs(self.soc.len())
-    }
-
-    /// Returns how a current drives a branch at a SOC and a temperature, °C.
-    pub fn drive(&self, branch: &MapBranch, soc: f64, temperature_degc: f64) -> Drive {
-        let law = self
-            .charge_transfer
-            .filter(|law| branch.tau_s <= law.slowest_s);
-        Drive {
-            exchange_a: law.map(|law| law.exchange_a(soc, temperature_degc)),
-        }
     }
 
     /// Returns the model at one SOC and temperature, for tasks that know one point only. A branch

@@ -1,5 +1,5 @@
 """A whole discharge under the four robot profiles, one after the other until the cell is empty: exports of a model of
-one point, of a map and of a model with additions, each against eis-bench simulate.
+one point, of a map, of a map with charge transfer and of a model with additions, each against eis-bench simulate.
 
 PART, a share of the capacity [default 0.01], makes the discharge short; 1 is the whole one, in CasADi and an FMU.
 """
@@ -19,6 +19,7 @@ CELLS = ROOT / "fixtures/data/cells"
 AMBIENT_DEGC, P0_SHARE, START = 20.0, 0.95, 0.98
 # Equal parts of a row are at most as long, s.
 STEP_S = 2.5e-4
+MAPS = ("map", "bent")
 LIMIT_UV = 10.0
 ADDITIONS = {
     "rc_slow": {"r_ohm": 3e-3, "tau_s": 50.0},
@@ -53,6 +54,8 @@ def models():
     mapped = {"soc": soc, "temperature_degc": degc, "series": over[7e-3], "branches": branches, "thermal": thermal}
     mapped.update(ocv_offset_v=[2e-3, 0.0, -3e-3], ocv_v_per_k=[1e-4, 0.0, -1e-4], ocv_temperature_degc=25.0)
     changing = dict(point, name="map", ocv=dict(curve), map=mapped)
+    law = {"exchange_current_a": 4.0, "activation_j_per_mol": 40e3, "slowest_s": 10.0}
+    bent = dict(point, name="bent", ocv=dict(curve), map=dict(mapped, charge_transfer=law))
     added = dict(point, name="added", ocv=dict(curve))
     added["facts"] = {
         "lowest_hz": 0.1, "highest_hz": 201.0, "longest_s": 600.0, "shortest_s": 0.1, "greatest_a": 30.0,
@@ -72,7 +75,7 @@ def models():
         for name, values in ADDITIONS.items()
     ]
     found = {}
-    for model, scale in ((point, 1.0), (changing, 1.0), (added, 0.8)):
+    for model, scale in ((point, 1.0), (changing, 1.0), (bent, 1.0), (added, 0.8)):
         # Additions are slow to simulate: one cycle of the whole cell.
         model["ocv"]["capacity_ah"] *= 1.0 if model is added else PART
         file = OUT / f"{model['name']}.json"
@@ -159,10 +162,10 @@ def _():
     for discharge in DISCHARGES:
         made = module(exported(discharge, "casadi"))
         step = made.power_step()
-        state = made.rest(START, AMBIENT_DEGC) if discharge.name == "map" else made.rest(START)
+        state = made.rest(START, AMBIENT_DEGC) if discharge.name in MAPS else made.rest(START)
         rows = numpy.repeat(numpy.arange(discharge.count), [discharge.parts(k) for k in range(discharge.count)])
         lengths = numpy.diff(discharge.time_s) / numpy.bincount(rows)
-        more = [AMBIENT_DEGC] if discharge.name == "map" else []
+        more = [AMBIENT_DEGC] if discharge.name in MAPS else []
         chain = step.mapaccum(1000)
         start_v = []
         for first in range(0, len(rows), 1000):
@@ -293,7 +296,7 @@ def _():
         return "left out: its solver takes long"
     pybamm.set_logging_level("ERROR")
     told = []
-    for name in ("point", "map"):
+    for name in ("point", *MAPS):
         discharge = Discharge(name, *MODELS[name], coarse(368), ALMOST_S[name])
         made = module(exported(discharge, "pybamm"))
         values = pybamm.ParameterValues(made.get_parameter_values())
@@ -344,7 +347,7 @@ def _():
     if not SHORT:
         return "left out: its solver takes long"
     told = []
-    for name in ("point", "map"):
+    for name in ("point", *MAPS):
         # Rumoca is slow where a function has many numbers.
         rows = coarse(73)
         discharge = Discharge(name, *MODELS[name], rows, ALMOST_S[name])

@@ -26,7 +26,11 @@ impl Design {
         let map = self.empty_map(kinetics);
         let (resistances, count) = (self.resistances(), self.count());
         let per_surface = self.nodes() * self.soc.len();
-        let mut filtered = vec![0.0; per_surface * self.taus_s.len()];
+        let fast = self.transfers();
+        // Voltages of the fast branches per ohm, A, as if their resistances stood still for seconds; and
+        // currents of the slow branches by surface node.
+        let mut per_ohm_a = vec![0.0; fast];
+        let mut filtered = vec![0.0; per_surface * (self.taus_s.len() - fast)];
         let every = log.every();
         let samples = &log.samples;
         let current_a = log.lagged_a(lag_s);
@@ -34,26 +38,29 @@ impl Design {
         let mut rows = DMatrix::<f64>::zeros(CHUNK, count);
         let mut right = DVector::<f64>::zeros(CHUNK);
         let mut filled = 0;
-        // Currents of the fast and of the slow branches, by surface node.
-        let mut before = [[(0, 0, 0.0); 4]; 2];
+        let mut before = (Drive::new(None, 1.0, 0.0), [(0, 0, 0.0); 4]);
         for k in 0..log.len() {
             let (soc, degc, i) = (samples.soc[k], samples.temperature_degc[k], current_a[k]);
             let at = map.place(soc, degc);
-            let bent_a = map.charge_transfer.map_or(i, |law| {
-                let exchange_a = Some(law.exchange_a(soc, degc));
-                Drive { exchange_a }.driven_a(i)
-            });
+            let law = map.charge_transfer;
+            let drive = Drive::new(law.map(|law| law.exchange_a(soc, degc)), 1.0, i);
             let weights = map.weights(&at, kinetics.branches);
-            let driven = [bent_a, i].map(|a| weights.map(|(node, knot, w)| (node, knot, w * a)));
+            let driven = (drive, weights.map(|(node, knot, w)| (node, knot, w * i)));
             if log.begins_at(k) {
+                per_ohm_a.fill(0.0);
                 filtered.fill(0.0);
             } else {
                 let step_s = samples.time_s[k] - samples.time_s[k - 1];
-                let parts = filtered.chunks_exact_mut(per_surface).zip(&self.taus_s);
-                for (number, (states, tau_s)) in parts.enumerate() {
-                    let step = BranchStep::new(step_s, *tau_s);
-                    let side = usize::from(number >= self.transfers());
-                    advance(states, self.soc.len(), step, [before[side], driven[side]]);
+                let steps = self
+                    .taus_s
+                    .iter()
+                    .map(|tau_s| BranchStep::new(step_s, *tau_s));
+                for (a, step) in per_ohm_a.iter_mut().zip(steps.clone()) {
+                    *a = step.bent_end(*a, before.0, drive).v;
+                }
+                let parts = filtered.chunks_exact_mut(per_surface);
+                for (states, step) in parts.zip(steps.skip(fast)) {
+                    advance(states, self.soc.len(), step, [before.1, driven.1]);
                 }
             }
             before = driven;
@@ -67,8 +74,14 @@ impl Design {
             for (node, knot, share) in map.weights(&at, kinetics.series) {
                 row[self.index(0, node, knot)] -= w * share * i;
             }
+            for (branch, a) in per_ohm_a.iter().enumerate() {
+                for (node, knot, share) in weights {
+                    row[self.index(1 + branch, node, knot)] -= w * share * a;
+                }
+            }
+            let first = (1 + fast) * per_surface;
             for (place, state) in filtered.iter().enumerate() {
-                row[per_surface + place] = -w * state;
+                row[first + place] = -w * state;
             }
             for (knot, share) in map.soc_weights(&at) {
                 row[resistances + knot] += w * share;

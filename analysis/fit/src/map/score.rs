@@ -3,7 +3,7 @@
 use super::log::Log;
 use super::sweep::{Sweep, SweepPoint};
 use super::train::{CORRELATION_S, Scales, Train};
-use analysis_model::map::{BranchStep, CellMap, ErrorSource, Outside};
+use analysis_model::map::{BranchStep, CellMap, Drive, ErrorSource, Outside};
 use analysis_signal::series::Role;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -253,26 +253,29 @@ pub(super) fn scales(
 pub(super) fn residuals(map: &CellMap, log: &Log, lag_s: f64) -> Vec<f64> {
     let samples = &log.samples;
     let current_a = log.lagged_a(lag_s);
-    let mut v = vec![0.0; map.branches.len()];
-    let mut before = vec![0.0; map.branches.len()];
+    let count = map.branches.len();
+    let (mut v, mut branch_ohm) = (vec![0.0; count], vec![0.0; count]);
+    let mut before = vec![Drive::new(None, 0.0, 0.0); count];
     let mut residuals = Vec::with_capacity(log.len());
     for k in 0..log.len() {
         let (soc, degc, i) = (samples.soc[k], samples.temperature_degc[k], current_a[k]);
-        let at = map.place(soc, degc);
-        for ((v, before), branch) in v.iter_mut().zip(&mut before).zip(&map.branches) {
-            let drive = map.drive(branch, soc, degc);
-            let driven = map.resistance_ohm(&branch.resistance, &at) * drive.driven_a(i);
+        let values = map.values(soc, degc, &mut branch_ohm);
+        let branches = map.branches.iter().zip(&branch_ohm);
+        for ((v, before), (branch, r_ohm)) in v.iter_mut().zip(&mut before).zip(branches) {
+            let drive = values.drive(branch.tau_s, *r_ohm, i);
             if log.begins_at(k) {
                 *v = 0.0;
             } else {
                 let step_s = samples.time_s[k] - samples.time_s[k - 1];
-                *v = BranchStep::new(step_s, branch.tau_s).end_v(*v, *before, driven);
+                *v = BranchStep::new(step_s, branch.tau_s)
+                    .bent_end(*v, *before, drive)
+                    .v;
             }
-            *before = driven;
+            *before = drive;
         }
-        let ocv_v = samples.ocv_v[k] + map.ocv_correction_v(&at, degc);
-        let series_v = map.resistance_ohm(&map.series, &at) * i;
-        residuals.push(samples.voltage_v[k] - (ocv_v - series_v - v.iter().sum::<f64>()));
+        let ocv_v = samples.ocv_v[k] + values.correction_v;
+        let predicted_v = ocv_v - values.r_ohm * i - v.iter().sum::<f64>();
+        residuals.push(samples.voltage_v[k] - predicted_v);
     }
     residuals
 }

@@ -276,9 +276,9 @@ fn a_resistance_that_falls_under_current_is_found_and_one_that_does_not_is_strai
         let share = (2.0 * (soc * (1.0 - soc)).max(0.0).sqrt()).max(0.1);
         let twice_a = 3.0 * share / hotter * kelvin / 298.15;
         let i = series.current_a[k];
-        let driven = 0.04 * hotter * twice_a * (i / twice_a).asinh();
+        let r_ohm = 0.04 * hotter;
         for _ in 0..10 {
-            v += 0.01 / 0.5 * (driven - v);
+            v += 0.01 / 0.5 * r_ohm * (i - twice_a * (v / (twice_a * r_ohm)).sinh());
         }
         soc -= 0.1 * i / (3600.0 * CAPACITY_AH);
     }

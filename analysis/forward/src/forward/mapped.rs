@@ -2,7 +2,7 @@
 //!
 //! All cells are equal, so that one is integrated, at I/P, and the terminals follow: E = S·(U(z, T)
 //! − Σv), R = S/P·R₀(z, T) + interconnect. The time constants are fixed, and the voltage that
-//! drives a branch, R(z, T)·g(i), is taken as linear over a step, so that a branch is exact for it.
+//! drives a branch, R(z, T)·i, is taken as linear over a step (`analysis_model::map::BranchStep`).
 //! The state at the end of a step enters its own resistances and is found by iteration. The cell
 //! warms by its own heat, if the map has a heat capacity. The whole run is repeated with halved
 //! steps until no row moves by more than the tolerance.
@@ -15,7 +15,7 @@ use super::model::{Mapped, SimModel, SimState};
 use super::options::{Method, SimOptions, Simulation};
 use super::profile::{DemandPoint, Piece, Profile};
 use super::trace::{Point, TraceRecorder};
-use analysis_model::map::{BranchStep, CellMap, Outside};
+use analysis_model::map::{BranchStep, CellMap, Drive as BranchDrive, Outside};
 
 /// Two runs, one with half the steps of the other, must agree at every row within this, V per cell.
 const AGREE_V: f64 = 5e-6;
@@ -57,8 +57,8 @@ struct Look {
     point: Point,
     /// Current of one cell, A.
     current_a: f64,
-    /// R·g(i) of each branch of one cell, V.
-    driven_v: Vec<f64>,
+    /// What drives each branch of one cell.
+    drives: Vec<BranchDrive>,
     /// Heat of one cell, W.
     heat_w: f64,
     /// Distance from the range of the map.
@@ -204,20 +204,22 @@ impl<'a> Run<'a> {
             self.cell.soc = from.soc - mean_a * step_s / capacity_coulomb;
             self.cell.temperature_degc =
                 self.warmed(&from, 0.5 * (before.heat_w + after.heat_w), step_s);
-            let driven = before.driven_v.iter().zip(&after.driven_v);
+            let drives = before.drives.iter().zip(&after.drives);
             let branches = self.map.branches.iter().zip(&mut self.cell.v).zip(&from.v);
-            for (((branch, v), old), (start, end)) in branches.zip(driven) {
-                *v = BranchStep::new(step_s, branch.tau_s).end_v(*old, *start, *end);
+            for (((branch, v), old), (start, end)) in branches.zip(drives) {
+                let step = BranchStep::new(step_s, branch.tau_s);
+                *v = step.bent_end(*old, *start, *end).v;
             }
             let seen = self.look(end)?;
             let change_a = (seen.current_a - after.current_a).abs();
-            let change_v = seen
-                .driven_v
-                .iter()
-                .zip(&after.driven_v)
-                .fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
+            let drives = seen.drives.iter().zip(&after.drives);
+            let change_v = drives.fold(0.0, |most: f64, (a, b)| {
+                most.max((a.driven_v - b.driven_v).abs())
+            });
+            let change_w = (seen.heat_w - after.heat_w).abs();
             after = seen;
-            if change_a <= 1e-11 * after.current_a.abs() && change_v <= 1e-11 {
+            let current_settled = change_a <= 1e-11 * after.current_a.abs();
+            if current_settled && change_v <= 1e-11 && change_w <= 1e-10 {
                 break;
             }
         }
@@ -259,10 +261,10 @@ impl<'a> Run<'a> {
         let DemandPoint { time_s, demand } = at;
         let (pack, cell) = (&self.model.pack, &self.cell);
         let (series, parallel) = (f64::from(pack.series), f64::from(pack.parallel));
-        let mut driven_v = vec![0.0; cell.v.len()];
+        let mut branch_ohm = vec![0.0; cell.v.len()];
         let values = self
             .map
-            .values(cell.soc, cell.temperature_degc, &mut driven_v);
+            .values(cell.soc, cell.temperature_degc, &mut branch_ohm);
         let ocv_v = self.model.curve_v(cell.soc).0 + series * values.correction_v;
         let sum_v: f64 = cell.v.iter().sum();
         let e_v = ocv_v - series * sum_v;
@@ -293,16 +295,17 @@ impl<'a> Run<'a> {
         };
         let current_a = reply.current_a / parallel;
         let mut heat_w = values.r_ohm * current_a * current_a;
-        let branches = self.map.branches.iter().zip(&cell.v);
-        for ((branch, v), driven_v) in branches.zip(&mut driven_v) {
-            let (r_ohm, drive) = (*driven_v, values.drive(branch.tau_s));
-            *driven_v = r_ohm * drive.driven_a(current_a);
-            heat_w += drive.lost_w(*v, r_ohm);
-        }
+        let branches = self.map.branches.iter().zip(&cell.v).zip(&branch_ohm);
+        let drives = branches.map(|((branch, v), r_ohm)| {
+            let drive = values.drive(branch.tau_s, *r_ohm, current_a);
+            heat_w += drive.lost_w(*v, *r_ohm);
+            drive
+        });
+        let drives = drives.collect();
         Ok(Look {
             point,
             current_a,
-            driven_v,
+            drives,
             heat_w,
             outside: values.outside,
         })

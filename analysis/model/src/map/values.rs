@@ -1,6 +1,6 @@
 //! All that a map states about a cell in one state, for simulations of many cells and steps.
 
-use super::charge_transfer::Drive;
+use super::branch_step::Drive;
 use super::{CellMap, Outside};
 
 /// Values of a map in one state of a cell; the resistances of the branches are beside it.
@@ -19,12 +19,11 @@ pub struct MapValues {
 }
 
 impl MapValues {
-    /// Returns how a current drives a branch with a time constant, s.
+    /// Returns what drives a branch with a time constant, s, and a resistance, Ω, under a current, A.
     #[inline]
-    pub fn drive(&self, tau_s: f64) -> Drive {
-        Drive {
-            exchange_a: self.exchange_a.filter(|_| tau_s <= self.slowest_s),
-        }
+    pub fn drive(&self, tau_s: f64, r_ohm: f64, current_a: f64) -> Drive {
+        let exchange_a = self.exchange_a.filter(|_| tau_s <= self.slowest_s);
+        Drive::new(exchange_a, r_ohm, current_a)
     }
 }
 

@@ -1,11 +1,12 @@
 //! Cells that are not alike, wired to a pack, whose resistances follow a map.
 //!
 //! Each cell has its own state of charge, branches and temperature. A step obeys the equations of
-//! `forward::mapped`: what drives a branch, R(z, T)·g(i), is linear over the step, charge follows the
+//! `forward::mapped`: what drives a branch, R(z, T)·i, is linear over the step, charge follows the
 //! mean current and temperature the mean heat. The currents at its end enter the state there. They
-//! are found by iteration: with resistances held and g replaced by its tangent, the end of the step
-//! is a network of sources as for a model of one point, which gives better currents. Cells in
-//! parallel need this, because they exchange current through resistances as small as their own.
+//! are found by iteration: with resistances held and the ends of the branches replaced by their
+//! tangents, the end of the step is a network of sources as for a model of one point, which gives
+//! better currents. Cells in parallel need this, because they exchange current through resistances as
+//! small as their own.
 
 use super::thermal::{Heat, PackThermal, ThermalNetwork};
 use super::wiring::{Cells, Left, Look, Sources, Wiring};
@@ -17,8 +18,8 @@ use analysis_model::{
 
 /// Iterations of a step at most.
 const MOST_LOOKS: usize = 12;
-/// Change of the currents, over the largest, and of the driving voltages, V, below which the tangent
-/// of g is as good as g: its error is the square of the change.
+/// Change of the currents, over the largest, and of the voltages of branches, V, below which a tangent is
+/// as good as the law: its error is the square of the change.
 const SETTLED: f64 = 3e-6;
 /// Changes are compared with this current if all are smaller: cells at rest exchange less.
 const LEAST_A: f64 = 1e-3;
@@ -57,8 +58,7 @@ struct State {
     soc: Vec<f64>,
     /// Voltages of the branches, V, cell by cell.
     v: Vec<f64>,
-    /// R·g(i) of the branches, V.
-    driven_v: Vec<f64>,
+    drives: Vec<Drive>,
 }
 
 /// What the map states about all cells in their states.
@@ -98,8 +98,8 @@ pub(super) struct MapNetwork<'a> {
     now: Look,
     /// Currents of the cells before the last iteration, A.
     guess_a: Vec<f64>,
-    /// What drives the branches, g(i), A.
-    driven_a: Vec<f64>,
+    /// Changes of the branches' voltages at the end of the step with the currents there, Ω.
+    slope_ohm: Vec<f64>,
     thermal: ThermalNetwork,
     /// Mean heat of the cells over a step, W.
     heat_w: Vec<f64>,
@@ -115,7 +115,7 @@ impl<'a> MapNetwork<'a> {
         let state = State {
             soc: cells.iter().map(|cell| cell.soc).collect(),
             v: vec![0.0; n * rc],
-            driven_v: vec![0.0; n * rc],
+            drives: vec![Drive::new(None, 0.0, 0.0); n * rc],
         };
         Self {
             capacity_coulomb: cells.iter().map(coulomb).collect(),
@@ -133,7 +133,7 @@ impl<'a> MapNetwork<'a> {
             before: Look::new(n),
             now: Look::new(n),
             guess_a: vec![0.0; n],
-            driven_a: vec![0.0; n * rc],
+            slope_ohm: vec![0.0; n * rc],
             thermal: ThermalNetwork::new(common.thermal, n, common.wiring.parallel),
             heat_w: vec![0.0; n],
             left: Left::default(),
@@ -205,8 +205,10 @@ impl<'a> MapNetwork<'a> {
         }
     }
 
-    /// Sources of all cells at the end of a step, linear in the currents there.
+    /// Moves the branches to the end of the step with the currents that are known of it, and writes the
+    /// sources of all cells there, linear in the currents.
     fn linearise(&mut self, step_s: f64) {
+        self.drive();
         for k in 0..self.cells.len() {
             let (values, slope_v) = (&self.found.values[k], self.found.ocv_v[k].1);
             let open_v = self.found.open_v(k, self.end.soc[k]);
@@ -214,60 +216,61 @@ impl<'a> MapNetwork<'a> {
             let bend_ohm = 0.5 * slope_v * step_s / self.capacity_coulomb[k];
             let mut e_v = open_v + bend_ohm * current_a;
             let mut behind_ohm = values.r_ohm + self.common.wiring.tab_ohm + bend_ohm;
-            for (j, law) in self
-                .branches(k)
-                .zip(laws(self.common.map, &self.cells[k], values))
-            {
-                let step = self.steps[j];
-                let end_ohm = step.end * self.found.branch_ohm[j];
-                let (driven_a, slope) = (self.driven_a[j], law.slope(current_a));
-                e_v -= step.decay * self.start.v[j]
-                    + step.start * self.start.driven_v[j]
-                    + end_ohm * (driven_a - slope * current_a);
-                behind_ohm += end_ohm * slope;
+            for j in self.branches(k) {
+                let drives = [self.start.drives[j], self.end.drives[j]];
+                let end = self.steps[j].bent_end(self.start.v[j], drives[0], drives[1]);
+                let slope_ohm = end.slope * self.found.branch_ohm[j];
+                self.end.v[j] = end.v;
+                self.slope_ohm[j] = slope_ohm;
+                e_v -= end.v - slope_ohm * current_a;
+                behind_ohm += slope_ohm;
             }
             self.sources.e_v[k] = e_v;
             self.sources.behind_ohm[k] = behind_ohm;
         }
     }
 
-    /// Computes what the currents drive; returns the largest change of a driving voltage, V.
-    fn drive(&mut self) -> f64 {
-        let mut change_v = 0.0_f64;
+    /// Moves the ends of the branches along their tangents to the present currents; returns the largest
+    /// change of a voltage, V.
+    fn follow(&mut self) -> f64 {
+        let mut most_v = 0.0_f64;
         for k in 0..self.cells.len() {
-            let current_a = self.now.cell_a[k];
-            let laws = laws(self.common.map, &self.cells[k], &self.found.values[k]);
-            for (j, law) in self.branches(k).zip(laws) {
-                let driven_a = law.driven_a(current_a);
-                self.driven_a[j] = driven_a;
-                let driven_v = self.found.branch_ohm[j] * driven_a;
-                change_v = change_v.max((driven_v - self.end.driven_v[j]).abs());
-                self.end.driven_v[j] = driven_v;
+            let change_a = self.now.cell_a[k] - self.guess_a[k];
+            for j in self.branches(k) {
+                let change_v = self.slope_ohm[j] * change_a;
+                self.end.v[j] += change_v;
+                most_v = most_v.max(change_v.abs());
             }
         }
-        change_v
+        most_v
+    }
+
+    /// Computes what drives the branches under the present currents.
+    fn drive(&mut self) {
+        for (k, cell) in self.cells.iter().enumerate() {
+            let (values, current_a) = (&self.found.values[k], self.now.cell_a[k]);
+            let branches = self.common.map.branches.iter().zip(&cell.rk);
+            for (j, (branch, factor)) in self.branches(k).zip(branches) {
+                let values = MapValues {
+                    exchange_a: values.exchange_a.map(|exchange_a| exchange_a / factor),
+                    ..*values
+                };
+                let r_ohm = self.found.branch_ohm[j];
+                self.end.drives[j] = values.drive(branch.tau_s, r_ohm, current_a);
+            }
+        }
     }
 
     /// Computes the heat of the cells from their currents and the voltages of their branches.
     fn heat(&mut self) {
         for k in 0..self.cells.len() {
             let (values, current_a) = (&self.found.values[k], self.now.cell_a[k]);
-            let mut heat_w = values.r_ohm * current_a * current_a;
-            for (j, law) in self
-                .branches(k)
-                .zip(laws(self.common.map, &self.cells[k], values))
-            {
-                heat_w += law.lost_w(self.end.v[j], self.found.branch_ohm[j]);
-            }
-            self.now.heat_w[k] = heat_w;
-        }
-    }
-
-    /// Computes the voltages of the branches at the end of the step.
-    fn charge(&mut self) {
-        for (j, v) in self.end.v.iter_mut().enumerate() {
-            let start = &self.start;
-            *v = self.steps[j].end_v(start.v[j], start.driven_v[j], self.end.driven_v[j]);
+            let lost_w = |j: usize| {
+                let drive = &self.end.drives[j];
+                drive.lost_w(self.end.v[j], self.found.branch_ohm[j])
+            };
+            let branches_w: f64 = self.branches(k).map(lost_w).sum();
+            self.now.heat_w[k] = values.r_ohm * current_a * current_a + branches_w;
         }
     }
 
@@ -314,7 +317,6 @@ impl Cells for MapNetwork<'_> {
         self.set_step(step_s);
         self.thermal.begin();
         std::mem::swap(&mut self.start, &mut self.end);
-        self.end.driven_v.copy_from_slice(&self.start.driven_v);
         std::mem::swap(&mut self.before, &mut self.now);
         self.now.cell_a.copy_from_slice(&self.before.cell_a);
         self.now.heat_w.copy_from_slice(&self.before.heat_w);
@@ -335,13 +337,13 @@ impl Cells for MapNetwork<'_> {
                 return false;
             }
             change = self
-                .drive()
+                .follow()
                 .max(largest_change(&self.guess_a, &self.now.cell_a));
-            self.charge();
             if !self.thermal.held() {
                 self.heat();
             }
         }
+        self.drive();
         if self.thermal.held() {
             self.heat();
         }
@@ -373,21 +375,6 @@ impl Cells for MapNetwork<'_> {
     fn unsettled(&self) -> u64 {
         self.unsettled
     }
-}
-
-/// Returns how a current drives each branch of a cell.
-fn laws<'n>(
-    map: &'n CellMap,
-    cell: &'n MappedCell,
-    values: &'n MapValues,
-) -> impl Iterator<Item = Drive> + 'n {
-    let branches = map.branches.iter().zip(&cell.rk);
-    branches.map(|(branch, factor)| {
-        let law = values.drive(branch.tau_s);
-        Drive {
-            exchange_a: law.exchange_a.map(|exchange_a| exchange_a / factor),
-        }
-    })
 }
 
 /// Largest change of a current over the largest current.

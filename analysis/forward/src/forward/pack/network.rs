@@ -111,14 +111,8 @@ impl<'a> Network<'a> {
         }
         self.gains_step_s = step_s;
         self.gains.clear();
-        self.gains.extend(self.branches.iter().map(|&(r, c)| {
-            let step = BranchStep::new(step_s, r * c);
-            BranchStep {
-                start: r * step.start,
-                end: r * step.end,
-                ..step
-            }
-        }));
+        let gain = |&(r, c): &(f64, f64)| BranchStep::new(step_s, r * c).of_current(r);
+        self.gains.extend(self.branches.iter().map(gain));
     }
 
     /// Warms the cells by the heat of the last step.

@@ -138,9 +138,15 @@ fn resistances_follow_charge_and_heat_as_the_equations_say() {
         let mut heat_w = r0 * i * i;
         for (v, branch) in v.iter_mut().zip(&map.branches) {
             let r = map.resistance_ohm(&branch.resistance, &at);
-            let drive = map.drive(branch, soc, degc);
-            heat_w += drive.lost_w(*v, r);
-            *v += (1.0 - (-h / branch.tau_s).exp()) * (r * drive.driven_a(i) - *v);
+            let law = map
+                .charge_transfer
+                .filter(|law| branch.tau_s <= law.slowest_s);
+            let leaking_a = law.map_or(*v / r, |law| {
+                let twice_a = 2.0 * law.exchange_a(soc, degc);
+                twice_a * (*v / (twice_a * r)).sinh()
+            });
+            heat_w += *v * leaking_a;
+            *v += h / branch.tau_s * r * (i - leaking_a);
         }
         degc += h * (heat_w - (degc - 5.0) / 5.0) / 30.0;
         soc -= h * i / (3600.0 * curve().capacity_ah);

@@ -139,7 +139,8 @@ fn a_pack_of_one_cell_is_the_single_cell() {
         let worst = apart.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
         assert!(worst < 1e-9, "{demand:?}: {worst:e} V in {parts} parts");
         let degc = expected.end.temperature_degc.unwrap();
-        assert!((network.thermal.degc(0) - degc).abs() < 1e-8);
+        let met_degc = network.thermal.degc(0);
+        assert!((met_degc - degc).abs() < 1e-8, "{:e}", met_degc - degc);
         assert!(degc > ambient_degc + 3.0, "{degc}");
         let (left, outside) = (
             network.left().unwrap(),
