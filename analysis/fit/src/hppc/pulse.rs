@@ -124,6 +124,7 @@ impl<'a> OnePulse<'a> {
         let rows = load.samples.clone();
         let start_s = series.time_s[rows.start.saturating_sub(1)];
         let before = window(series, load, start_s);
+        let rest_s = start_s - series.time_s[load.before.start];
         let age_s: Vec<f64> = series.time_s[before.clone()]
             .iter()
             .map(|t| t - start_s)
@@ -139,7 +140,7 @@ impl<'a> OnePulse<'a> {
         Self {
             start_s,
             end_s: load.start_s + load.duration_s,
-            trend: Trend::of(&age_s, &series.voltage_v[before.clone()], log),
+            trend: Trend::of(&age_s, &series.voltage_v[before.clone()], rest_s, log),
             before_a: mean(&series.current_a[before]),
             level_a,
             errors: CurrentErrors {

@@ -1,8 +1,9 @@
 //! The trend of a voltage before a pulse, continued into the pulse.
 //!
-//! A cell relaxes by exponentials. The trend is a mean of shapes a + b f(t), f a straight line or an
-//! exponential of several time constants, each weighted by how well it follows the rows before the
-//! pulse. Where the rows do not decide between the shapes, their difference is part of the uncertainty.
+//! A cell relaxes by exponentials, and by diffusion with the root of time. The trend is a mean of shapes
+//! a + b f(t), f a straight line, an exponential of several time constants or an inverse root of the time
+//! since the load before, each weighted by how well it follows the rows before the pulse. Where the rows
+//! do not decide between the shapes, their difference is part of the uncertainty.
 
 use crate::loads::Estimate;
 
@@ -11,7 +12,7 @@ const TAU_PARTS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 /// Fewest rows of a straight line.
 const FEWEST_OF_LINE: usize = 3;
 /// Fewest rows of an exponential.
-const FEWEST_OF_CURVE: usize = 8;
+const FEWEST_OF_CURVE: usize = 4;
 /// Standard deviations of a variance's estimate beyond which the rows scatter more than the log does.
 const SURE: f64 = 3.0;
 
@@ -83,10 +84,30 @@ pub(super) struct Level {
     pub(super) variance: Option<f64>,
 }
 
+/// How a voltage goes on.
+#[derive(Debug, Clone, Copy)]
+enum Form {
+    Line,
+    /// With a time constant, s.
+    Exponential(f64),
+    /// After a load that ended this time before the pulse, s.
+    Diffusion(f64),
+}
+
+impl Form {
+    fn at(self, age_s: f64) -> f64 {
+        match self {
+            Self::Line => age_s,
+            Self::Exponential(tau_s) => (-age_s / tau_s).exp(),
+            Self::Diffusion(rest_s) => (rest_s + age_s).sqrt().recip(),
+        }
+    }
+}
+
 /// One shape, fitted.
 #[derive(Debug)]
 struct Shape {
-    tau_s: Option<f64>,
+    form: Form,
     a: f64,
     b: f64,
     squares: f64,
@@ -104,14 +125,19 @@ pub(super) struct Trend {
 }
 
 impl Trend {
-    /// Fits the rows before a pulse; ages are negative, in s from its start.
-    pub(super) fn of(age_s: &[f64], voltage_v: &[f64], log: &Estimate) -> Self {
+    /// Fits the rows before a pulse; ages are negative, in s from its start. `rest_s`: time since the load
+    /// before, s.
+    pub(super) fn of(age_s: &[f64], voltage_v: &[f64], rest_s: f64, log: &Estimate) -> Self {
         let window_s = age_s.first().map_or(0.0, |first| -first);
-        let mut shapes = vec![fitted(age_s, voltage_v, None)];
+        let mut forms = vec![Form::Line];
         if age_s.len() >= FEWEST_OF_CURVE {
-            let curves = TAU_PARTS.map(|part| fitted(age_s, voltage_v, Some(part * window_s)));
-            shapes.extend(curves);
+            forms.extend(TAU_PARTS.map(|part| Form::Exponential(part * window_s)));
+            if rest_s > window_s {
+                forms.push(Form::Diffusion(rest_s));
+            }
         }
+        let fit = |form| fitted(age_s, voltage_v, form);
+        let shapes: Vec<Shape> = forms.into_iter().map(fit).collect();
         let best = shapes
             .iter()
             .min_by(|a, b| a.squares.total_cmp(&b.squares))
@@ -147,32 +173,23 @@ impl Trend {
 }
 
 impl Shape {
-    fn f(&self, age_s: f64) -> f64 {
-        shape(age_s, self.tau_s)
-    }
-
     fn at(&self, age_s: f64) -> f64 {
-        self.a + self.b * self.f(age_s)
+        self.a + self.b * self.form.at(age_s)
     }
 
     /// Variance at an age for a row's variance of 1.
     fn variance(&self, age_s: f64) -> f64 {
-        let f = self.f(age_s);
+        let f = self.form.at(age_s);
         let [aa, ab, bb] = self.spread;
         aa + 2.0 * ab * f + bb * f * f
     }
 }
 
-/// A straight line, or an exponential.
-fn shape(age_s: f64, tau_s: Option<f64>) -> f64 {
-    tau_s.map_or(age_s, |tau_s| (-age_s / tau_s).exp())
-}
-
 /// Least squares of a + b f(t); a alone if there are too few rows.
-fn fitted(age_s: &[f64], voltage_v: &[f64], tau_s: Option<f64>) -> Shape {
+fn fitted(age_s: &[f64], voltage_v: &[f64], form: Form) -> Shape {
     #[expect(clippy::cast_precision_loss, reason = "a number of rows")]
     let count = age_s.len() as f64;
-    let f: Vec<f64> = age_s.iter().map(|age| shape(*age, tau_s)).collect();
+    let f: Vec<f64> = age_s.iter().map(|age| form.at(*age)).collect();
     let mean = |all: &[f64]| all.iter().sum::<f64>() / count;
     let (f0, v0) = (mean(&f), mean(voltage_v));
     let sum = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
@@ -190,11 +207,38 @@ fn fitted(age_s: &[f64], voltage_v: &[f64], tau_s: Option<f64>) -> Shape {
     };
     let bb = if has_slope { 1.0 / spread } else { 0.0 };
     Shape {
-        tau_s,
+        form,
         a: v0 - b * f0,
         b,
         squares: sum(&|f, v| (v - b * f).powi(2)),
         spread: [1.0 / count + bb * f0 * f0, -bb * f0, bb],
         freedom: count - 1.0 - f64::from(u8::from(has_slope)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rows of a rest of 40 s after a load, one every 4 s, with noise of 20 µV.
+    #[test]
+    fn a_few_rows_of_a_relaxation_by_diffusion_are_continued_within_the_stated_error() {
+        let truth_v = |age_s: f64| 3.7 - 0.03 / (40.0 + age_s).sqrt();
+        let age_s: Vec<f64> = (1..=5).rev().map(|k| -4.0 * f64::from(k)).collect();
+        let voltage_v: Vec<f64> = age_s.iter().map(|age_s| truth_v(*age_s)).collect();
+        let log = Estimate {
+            voltage_noise_v: Some(2e-5),
+            ..Estimate::default()
+        };
+        let level = Trend::of(&age_s, &voltage_v, 40.0, &log).at(10.0);
+        let sigma_v = level.variance.unwrap().sqrt();
+        assert!((level.v - truth_v(10.0)).abs() < 2.0 * sigma_v, "{level:?}");
+        let line = fitted(&age_s, &voltage_v, Form::Line);
+        let line_v = (line.at(10.0) - truth_v(10.0)).abs();
+        assert!(
+            (level.v - truth_v(10.0)).abs() < 0.5 * line_v,
+            "{level:?} {line_v}"
+        );
+        assert!(sigma_v < line_v, "{sigma_v} {line_v}");
     }
 }
