@@ -1,6 +1,6 @@
 //! Models: impedance, and simulation under a profile.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use analysis::diagnosis::{BaseModel, DataSet};
 use analysis::formats::model::{CellModel, ModelFormat};
@@ -247,6 +247,31 @@ impl Model {
             let model = CellModel::new(&self.given, low_v..=high_v, temperature_degc);
             let text = model.map_err(|error| refused(&error))?.text(format);
             text.map_err(|error| refused(&error))
+        })
+    }
+
+    /// Writes an FMU with a library, if the machine has a compiler; otherwise returns why it holds
+    /// sources only.
+    fn write_fmu(
+        &self,
+        path: PathBuf,
+        low_v: f64,
+        high_v: f64,
+        temperature_degc: f64,
+    ) -> PyResult<Option<String>> {
+        caught(|| {
+            let model = CellModel::new(&self.given, low_v..=high_v, temperature_degc);
+            let fmu = model
+                .and_then(|model| model.fmu())
+                .map_err(|error| refused(&error))?;
+            let folder = path.parent().unwrap_or(Path::new(""));
+            let library = fmu.library(folder);
+            let archive = fmu
+                .archive(library.as_deref().ok())
+                .map_err(|error| refused(&error))?;
+            std::fs::write(&path, archive)
+                .map_err(|error| refused(&format!("{}: {error}", path.display())))?;
+            Ok(library.err())
         })
     }
 

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -51,6 +52,27 @@ def test_texts_of_a_model_file_do_not_become_code(tmp_path, to):
     names = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name)]
     assert "R_OHM" in names or "MAP_SOC" in names
     assert "EVIL" not in names
+
+
+def test_an_fmu_holds_its_description_its_sources_and_a_library(cell, tmp_path):
+    file = tmp_path / "cell.fmu"
+    cell.write_fmu(file)
+    names = zipfile.ZipFile(file).namelist()
+    assert {"modelDescription.xml", "sources/fmu.c", "sources/model.h"} <= set(names)
+    assert any(name.endswith(".so") for name in names)
+    assert list(tmp_path.iterdir()) == [file]
+    with pytest.raises(eb.EisError, match="missing/cell.fmu"):
+        cell.write_fmu(tmp_path / "missing" / "cell.fmu")
+    with pytest.raises(eb.EisError, match="open-circuit voltage"):
+        eb.Model(0.01).write_fmu(file)
+
+
+def test_without_a_compiler_an_fmu_holds_sources(cell, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.warns(UserWarning, match="holds sources only: cc: "):
+        cell.write_fmu(tmp_path / "cell.fmu")
+    names = zipfile.ZipFile(tmp_path / "cell.fmu").namelist()
+    assert "sources/fmu.c" in names and not any(name.endswith(".so") for name in names)
 
 
 @pytest.mark.parametrize("current_a", [-10.0, 1.0, 20.0])

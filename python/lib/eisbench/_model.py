@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -332,6 +333,23 @@ class Model:
         cannot hold.
         """
         return self._model.code(to, window_v[0], window_v[1], temperature_c)
+
+    def write_fmu(
+        self,
+        path: Union[str, os.PathLike[str]],
+        *,
+        window_v: tuple[float, float] = (2.5, 4.2),
+        temperature_c: float = 25.0,
+    ) -> None:
+        """Writes the model as an FMU (FMI 3.0, model exchange and co-simulation), as ``eis-bench
+        convert --to fmu`` does: with its sources and a library for Linux on x86-64. Warns if the
+        library cannot be compiled here.
+
+        Raises EisError for a model without open-circuit voltage and for a path that cannot be written.
+        """
+        reason = self._model.write_fmu(path, window_v[0], window_v[1], temperature_c)
+        if reason is not None:
+            warnings.warn(f"{path} holds sources only: {reason}", stacklevel=2)
 
     def to_casadi(
         self, function: str = "step", *, window_v: tuple[float, float] = (2.5, 4.2), **options: int

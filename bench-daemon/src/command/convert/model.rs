@@ -1,8 +1,6 @@
 //! Models as files of other programs.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 use super::place::{free, write_bytes};
 use crate::command::units;
@@ -137,45 +135,11 @@ pub(super) fn write(args: &CellArgs, out: &Path, given: Given, goal: Goal) -> Re
     Ok(())
 }
 
-/// Compiles the library of an FMU, if this machine has a compiler for it; otherwise a remark says
-/// why the archive has sources only.
+/// Compiles the library of an FMU; a remark says why the archive has sources only.
 fn library(fmu: &Fmu, out: &Path) -> Option<Vec<u8>> {
-    if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
-        remark!("the FMU holds sources only: a library is compiled on Linux on x86-64");
-        return None;
-    }
-    let path = out.join(format!(".{}.so", fmu.identifier));
-    let library =
-        compiled(fmu, &path).and_then(|()| std::fs::read(&path).map_err(|error| error.to_string()));
+    let library = fmu.library(out);
     if let Err(reason) = &library {
-        remark!("the FMU holds sources only: cc: {reason}");
+        remark!("the FMU holds sources only: {reason}");
     }
-    // It is in the archive, or was not written.
-    let _ = std::fs::remove_file(&path);
     library.ok()
-}
-
-/// Compiles the library into a file.
-fn compiled(fmu: &Fmu, path: &Path) -> Result<(), String> {
-    let fail = |error: std::io::Error| error.to_string();
-    let mut child = Command::new("cc")
-        .args(["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden"])
-        .arg("-o")
-        .arg(path)
-        .args(["-x", "c", "-", "-lm"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .map_err(fail)?;
-    if let Some(mut input) = child.stdin.take() {
-        // A compiler that ends early says why below.
-        let _ = input.write_all(fmu.code().as_bytes());
-    }
-    let ended = child.wait_with_output().map_err(fail)?;
-    if ended.status.success() {
-        return Ok(());
-    }
-    let message = String::from_utf8_lossy(&ended.stderr);
-    Err(message.lines().next().unwrap_or_default().to_owned())
 }

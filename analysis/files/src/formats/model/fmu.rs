@@ -1,7 +1,9 @@
 //! An FMU: description, sources and, where a compiler was found, a library, in one archive.
 
 use std::fmt::Write as _;
-use std::io::{Cursor, Write as _};
+use std::io::{self, Cursor, Write as _};
+use std::path::Path;
+use std::process::{Command, Stdio};
 
 use super::added::Added;
 use super::cell::CellModel;
@@ -118,6 +120,47 @@ impl Fmu {
             found.map_or("", |(_, text)| text.as_str())
         };
         text("fmu.c").replace("#include \"model.h\"\n", text("model.h"))
+    }
+
+    /// Compiles the library for Linux on x86-64 by the machine's `cc`. It is written into a folder, read
+    /// and removed.
+    ///
+    /// # Errors
+    /// Why the machine has none: another platform, no compiler, its first message.
+    pub fn library(&self, folder: &Path) -> Result<Vec<u8>, String> {
+        if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
+            return Err("a library is compiled on Linux on x86-64".to_owned());
+        }
+        let path = folder.join(format!(".{}.so", self.identifier));
+        let read = || std::fs::read(&path).map_err(|error| error.to_string());
+        let library = self.compile(&path).and_then(|()| read());
+        // It was read, or not written.
+        let _ = std::fs::remove_file(&path);
+        library.map_err(|reason| format!("cc: {reason}"))
+    }
+
+    fn compile(&self, path: &Path) -> Result<(), String> {
+        let fail = |error: io::Error| error.to_string();
+        let mut child = Command::new("cc")
+            .args(["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden"])
+            .arg("-o")
+            .arg(path)
+            .args(["-x", "c", "-", "-lm"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(fail)?;
+        if let Some(mut input) = child.stdin.take() {
+            // A compiler that ends early says why below.
+            let _ = input.write_all(self.code().as_bytes());
+        }
+        let ended = child.wait_with_output().map_err(fail)?;
+        if ended.status.success() {
+            return Ok(());
+        }
+        let message = String::from_utf8_lossy(&ended.stderr);
+        Err(message.lines().next().unwrap_or_default().to_owned())
     }
 
     /// Returns the archive, with a library for Linux on x86-64 if one is given.
