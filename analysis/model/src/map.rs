@@ -14,20 +14,26 @@
 
 mod branch_step;
 mod charge_transfer;
+mod check;
 mod constants;
 mod error;
+mod place;
 mod values;
 
 pub use branch_step::{BranchEnd, BranchStep, Drive};
 pub use charge_transfer::ChargeTransfer;
+pub use check::MapError;
 pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
 pub use error::{BAND_SIGMAS, ErrorSource, VoltageError};
+pub use place::{Outside, Place, arrhenius};
 pub use values::MapValues;
 
 use crate::{
     model::{Erm, RcBranch},
     ocv::OcvCurve,
 };
+use check::{finite, length, positive, rising, zero_or_more};
+use place::Nodes;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -103,114 +109,6 @@ pub struct Thermal {
     pub resistance_k_per_w: f64,
 }
 
-/// Reason why numbers are not a map.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum MapError {
-    /// A list of the wrong length.
-    #[error("map: {field}: expected {expected} values, met {met}")]
-    Length {
-        /// Name of the list.
-        field: String,
-        /// Number of values that belong there.
-        expected: usize,
-        /// Number found.
-        met: usize,
-    },
-    /// A value that cannot be.
-    #[error("map: {field}: expected {expected}, met {met}")]
-    Value {
-        /// Name of the field, with its place.
-        field: String,
-        /// Allowed values.
-        expected: &'static str,
-        /// Value found.
-        met: f64,
-    },
-}
-
-/// Distance of a query from the measured range; zero within it.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Outside {
-    /// SOC below the first or above the last knot, as a positive distance.
-    pub soc: f64,
-    /// Temperature below the first or above the last node, K, as a positive distance.
-    pub temperature_k: f64,
-}
-
-impl Outside {
-    /// Returns the farther distance of two queries, in each direction.
-    #[must_use]
-    pub fn farther(self, other: Self) -> Self {
-        Self {
-            soc: self.soc.max(other.soc),
-            temperature_k: self.temperature_k.max(other.temperature_k),
-        }
-    }
-
-    /// Returns whether the query lies outside the range.
-    pub fn is_outside(&self) -> bool {
-        self.soc > 0.0 || self.temperature_k > 0.0
-    }
-}
-
-impl std::fmt::Display for Outside {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "leaves the range in which the map was measured by up to {:.3} of charge and {:.1} K",
-            self.soc, self.temperature_k
-        )
-    }
-}
-
-/// A place on the map: the nodes around it and their weights.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
-    soc: Neighbours,
-    temperature: Neighbours,
-    /// 1/(k·T_node) − 1/(k·T) of both temperature nodes, with the sign of Arrhenius' exponent,
-    /// mol/J.
-    exponents: [f64; 2],
-    /// Distance from the measured range.
-    pub outside: Outside,
-}
-
-/// A list index, and the weight of the entry after it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Neighbours {
-    low: usize,
-    weight: f64,
-}
-
-impl Neighbours {
-    /// Finds `x` in a rising list; a place beyond an end is that end.
-    fn find(list: &[f64], x: f64) -> Self {
-        let last = list.len().saturating_sub(2);
-        let low = list
-            .partition_point(|knot| *knot <= x)
-            .saturating_sub(1)
-            .min(last);
-        let weight = match list.get(low + 1) {
-            Some(high) => ((x - list[low]) / (high - list[low])).clamp(0.0, 1.0),
-            None => 0.0,
-        };
-        Self { low, weight }
-    }
-
-    /// Indices and weights, of one entry or of two.
-    fn pairs(self, count: usize) -> [(usize, f64); 2] {
-        let high = (self.low + 1).min(count - 1);
-        [(self.low, 1.0 - self.weight), (high, self.weight)]
-    }
-}
-
-/// Indices and weights of the nodes around a place.
-struct Nodes {
-    temperature: [(usize, f64); 2],
-    soc: [(usize, f64); 2],
-}
-
 impl Surface {
     /// Returns the resistance between nodes, Ω, from the factors of its energy.
     #[inline]
@@ -226,37 +124,6 @@ impl Surface {
         }
         sum
     }
-}
-
-impl Place {
-    /// Returns the factors of Arrhenius' law from both temperature nodes to this place. That of a
-    /// node without weight is zero.
-    fn factors(&self, activation_j_per_mol: f64) -> [f64; 2] {
-        let weights = [1.0 - self.temperature.weight, self.temperature.weight];
-        let factor = |side: usize| {
-            if weights[side] == 0.0 {
-                return 0.0;
-            }
-            (activation_j_per_mol * self.exponents[side]).exp()
-        };
-        [factor(0), factor(1)]
-    }
-}
-
-fn distance(list: &[f64], x: f64) -> f64 {
-    let (first, last) = (list[0], list[list.len() - 1]);
-    (first - x).max(x - last).max(0.0)
-}
-
-fn inverse_k(temperature_degc: f64) -> f64 {
-    1.0 / (temperature_degc + ZERO_DEGC_K)
-}
-
-/// Returns the factor on a resistance by Arrhenius' law between two temperatures, °C: at the first
-/// over that at the second.
-pub fn arrhenius(activation_j_per_mol: f64, at_degc: f64, over_degc: f64) -> f64 {
-    let exponent = inverse_k(at_degc) - inverse_k(over_degc);
-    (activation_j_per_mol / GAS_J_PER_MOL_K * exponent).exp()
 }
 
 impl CellMap {
@@ -362,27 +229,7 @@ impl CellMap {
 
     /// Finds a SOC and a temperature, °C, on the map.
     pub fn place(&self, soc: f64, temperature_degc: f64) -> Place {
-        let nodes = &self.temperature_degc;
-        let low = Neighbours::find(nodes, temperature_degc).low;
-        let high = (low + 1).min(nodes.len() - 1);
-        let (at, ends) = (
-            inverse_k(temperature_degc),
-            [inverse_k(nodes[low]), inverse_k(nodes[high])],
-        );
-        let weight = if high == low {
-            0.0
-        } else {
-            ((at - ends[0]) / (ends[1] - ends[0])).clamp(0.0, 1.0)
-        };
-        Place {
-            soc: Neighbours::find(&self.soc, soc),
-            temperature: Neighbours { low, weight },
-            exponents: ends.map(|end| (at - end) / GAS_J_PER_MOL_K),
-            outside: Outside {
-                soc: distance(&self.soc, soc),
-                temperature_k: distance(nodes, temperature_degc),
-            },
-        }
+        Place::find(&self.soc, &self.temperature_degc, soc, temperature_degc)
     }
 
     /// Returns the resistance of a surface at a place, Ω.
@@ -465,78 +312,6 @@ impl CellMap {
             branches: branches.collect(),
         }
     }
-}
-
-fn length(field: &str, expected: usize, met: usize) -> Result<(), MapError> {
-    if expected == met {
-        return Ok(());
-    }
-    let field = field.to_owned();
-    Err(MapError::Length {
-        field,
-        expected,
-        met,
-    })
-}
-
-fn finite(field: &str, list: &[f64]) -> Result<(), MapError> {
-    match list.iter().find(|value| !value.is_finite()) {
-        None => Ok(()),
-        Some(met) => Err(MapError::Value {
-            field: field.to_owned(),
-            expected: "finite numbers",
-            met: *met,
-        }),
-    }
-}
-
-fn zero_or_more(field: &str, list: &[f64]) -> Result<(), MapError> {
-    match list
-        .iter()
-        .find(|value| !(value.is_finite() && **value >= 0.0))
-    {
-        None => Ok(()),
-        Some(met) => Err(MapError::Value {
-            field: field.to_owned(),
-            expected: "zero or more",
-            met: *met,
-        }),
-    }
-}
-
-fn positive(field: &str, met: f64) -> Result<(), MapError> {
-    if met.is_finite() && met > 0.0 {
-        return Ok(());
-    }
-    Err(MapError::Value {
-        field: field.to_owned(),
-        expected: "a number above zero",
-        met,
-    })
-}
-
-fn rising(
-    field: &str,
-    list: &[f64],
-    least: usize,
-    range: RangeInclusive<f64>,
-    expected: &'static str,
-) -> Result<(), MapError> {
-    if list.len() < least {
-        return length(field, least, list.len());
-    }
-    let mut before = f64::NEG_INFINITY;
-    for (k, met) in list.iter().enumerate() {
-        if !range.contains(met) || *met <= before {
-            return Err(MapError::Value {
-                field: format!("{field}[{k}]"),
-                expected,
-                met: *met,
-            });
-        }
-        before = *met;
-    }
-    Ok(())
 }
 
 #[cfg(test)]
