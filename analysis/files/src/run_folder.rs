@@ -88,6 +88,12 @@ pub const OCV_DISCHARGE: &str = "ocv_discharge.bdf.csv";
 pub const OCV_CHARGE: &str = "ocv_charge.bdf.csv";
 /// The points of a map, [`MAP_POINT_COLUMNS`].
 pub const MAP_POINTS: &str = "map_points.csv";
+/// The map of a cell, a model.
+pub const MAP: &str = "map.json";
+/// Its errors on logs, [`MAP_LOG_COLUMNS`].
+pub const MAP_LOGS: &str = "map_logs.csv";
+/// Its errors on spectra, [`MAP_SPECTRUM_COLUMNS`].
+pub const MAP_SPECTRA: &str = "map_spectra.csv";
 /// The choice of the order of the models.
 pub const ORDER: &str = "order.json";
 /// The one model of a command that fits one order.
@@ -147,6 +153,12 @@ pub const OPERANDO_COLUMNS: &str = "number,charge_c,soc,bias_measured_a,temperat
 pub const LINE_COLUMNS: &str = "freq_hz,noise,even,odd,sigma,images";
 /// Columns of [`OCV`].
 pub const OCV_COLUMNS: &str = "soc,ocv_v,docv_dsoc_v";
+/// Columns of [`MAP_LOGS`].
+pub const MAP_LOG_COLUMNS: &str = "log,role,temperature_degc,rms_mv,bias_mv,worst_soc,worst_mv,\
+    left_out_rms_mv,in_band_percent";
+/// Columns of [`MAP_SPECTRA`].
+pub const MAP_SPECTRUM_COLUMNS: &str =
+    "spectrum,role,soc,temperature_degc,error_percent,left_out_percent,expected_percent";
 /// Columns of [`SPREAD`].
 pub const SPREAD_COLUMNS: &str = "freq_hz,spectra,mean_re_ohm,mean_im_ohm,cells_re_ohm,\
     cells_im_ohm,repeats_re_ohm,repeats_im_ohm,cells_magnitude_rel,repeats_magnitude_rel,\

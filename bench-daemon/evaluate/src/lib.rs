@@ -3,7 +3,8 @@
 //!
 //! In reading order, each module using earlier ones only: [`support`] (numbers, telemetry),
 //! [`files`] (models and curves), [`figures`] (pictures), [`doctor`] (proof of a bench), [`run`] (a
-//! whole run), [`investigate`] (runs → diagnosis → the recommended run), [`mod@campaign`] (cells
+//! whole run), [`investigate`] (runs → diagnosis → the recommended run; a run of a map
+//! takes its data sets and maps), [`mod@campaign`] (cells
 //! over benches).
 
 pub mod campaign;

@@ -332,6 +332,7 @@ fn the_example_measures_every_point_at_its_charge_and_temperature() {
         finished.summary
     );
     assert!(!run.join("model_1rc.json").exists());
+    its_map_is_that_of_the_command(&files, &run, &finished.summary);
     let witness = world.lock().unwrap().witness();
     assert_eq!(witness.abuse, []);
     // All pulses have their resistance, with charge and temperature of their point.
@@ -361,6 +362,63 @@ fn the_example_measures_every_point_at_its_charge_and_temperature() {
             "{first}"
         );
     }
+}
+
+/// The run has fitted its map as `map` fits it; its files follow from the captures.
+fn its_map_is_that_of_the_command(files: &Files, run: &Path, summary: &str) {
+    let fitted = |out: &str| {
+        let out = files.path(out);
+        let words = [
+            "map".as_ref(),
+            run.as_os_str(),
+            "--out".as_ref(),
+            out.as_os_str(),
+        ];
+        let ended = program(&words);
+        ended.expect_code(0);
+        (ended.stdout, out)
+    };
+    let (text, out) = fitted("map");
+    let headline = text.lines().next().unwrap();
+    assert!(
+        headline.starts_with("error on pieces of the logs"),
+        "{text}"
+    );
+    assert!(
+        summary.contains(&format!("map: {headline}; map.json")),
+        "{summary}"
+    );
+    let report = fs::read_to_string(run.join("report.html")).unwrap();
+    let (error, _) = headline.split_once(';').unwrap();
+    assert!(
+        report.contains(&format!("Map: {error}")) && report.contains("The map: series resistance"),
+        "{error}"
+    );
+    let model = |folder: &Path| {
+        let mut model = json(&folder.join("map.json"));
+        // The command calls the cell like the folder.
+        let name = model["name"].take();
+        (name, model)
+    };
+    assert_eq!(model(run).1, model(&out).1);
+    assert_eq!(model(run).0, "Molicel P45B");
+    for name in ["map_logs.csv", "map_spectra.csv"] {
+        let text = |folder: &Path| fs::read_to_string(folder.join(name)).unwrap();
+        assert_eq!(text(run), text(&out), "{name}");
+    }
+    assert!(run.join("map.svg").is_file() && run.join("map.png").is_file());
+    let verified = program(&["verify".as_ref(), run.as_os_str()]);
+    verified.expect_code(0);
+    let again = files.path("again");
+    let words = [
+        "replay".as_ref(),
+        run.as_os_str(),
+        "--out".as_ref(),
+        again.as_os_str(),
+    ];
+    program(&words).expect_code(0);
+    assert_eq!(model(run), model(&again));
+    assert!(again.join("map_logs.csv").is_file());
 }
 
 #[test]
@@ -393,6 +451,12 @@ fn a_counted_charge_that_the_curve_denies_is_noted_or_ends_the_run() {
             && summary.contains("from which they could exceed the limits of the cell"),
         "{summary}"
     );
+    // A map takes three points of a spectrum.
+    assert!(
+        summary.contains("note: no map: point_1: expected at least 3 points"),
+        "{summary}"
+    );
+    assert!(!run.join("map.json").exists());
     let found = points(&run);
     // 60 % of 4.5 Ah are two thirds of 4.05 Ah.
     assert!(

@@ -42,6 +42,16 @@ pub struct LogScore {
     pub outside: Outside,
 }
 
+impl LogScore {
+    /// Returns the error on a log that its fit has not seen, V: of the whole log, or piece by piece.
+    pub fn unseen_v(&self) -> Option<f64> {
+        match self.role {
+            Role::HeldOut => Some(self.rms_v),
+            Role::Train => self.left_out_rms_v,
+        }
+    }
+}
+
 /// What maps miss of a log, V at each sample.
 pub(super) struct LogErrors {
     /// Measured less predicted voltage of the map.

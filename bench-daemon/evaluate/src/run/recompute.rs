@@ -29,7 +29,7 @@ use analysis::{
     dataset::{self, Capture, CaptureFile, CaptureMeta},
     ocv::OcvCurve,
     run_folder::{
-        self, CORRECTION, INDEX, JOURNAL, MANIFEST, PLOTS, READINGS, SPECTRA, TRANSCRIPTS,
+        self, CORRECTION, EVENTS, INDEX, JOURNAL, MANIFEST, PLOTS, READINGS, SPECTRA, TRANSCRIPTS,
         moved_captures,
     },
     sine::Channel,
@@ -485,7 +485,7 @@ impl Recorded {
                 symlink(entry.path(), out.join(&name))?;
             }
         }
-        for name in [INDEX, READINGS, MANIFEST] {
+        for name in [INDEX, READINGS, MANIFEST, EVENTS] {
             if own.join(name).exists() {
                 fs::copy(own.join(name), out.join(name))?;
             }

@@ -4,6 +4,7 @@ mod alike;
 mod campaign;
 mod condition;
 mod harmonics;
+mod map;
 mod multisine_and_trace;
 mod ocv;
 mod operando;
@@ -44,9 +45,10 @@ pub(super) fn write(
     let mut shown = multisine_and_trace::write(recorder, experiment, measured)?;
     harmonics::write(recorder, measured, &mut shown)?;
     let ocv = ocv::write(recorder, experiment, &mut shown)?;
+    let map = map::write(recorder, experiment, &mut shown)?;
     ranges::warn(recorder, measured)?;
     let text = evaluate(recorder, experiment, measured, shown)?;
-    Ok(text.replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1))
+    Ok(text.replacen("\nrun folder:", &format!("{ocv}{map}\nrun folder:"), 1))
 }
 
 /// Reports which controls the correction lacks.

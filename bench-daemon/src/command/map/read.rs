@@ -62,7 +62,10 @@ pub(super) fn data(args: &MapArgs, curve: &OcvCurve) -> Result<MapData, Failure>
                     path.display()
                 )));
             }
-            add_folder(path, role(held_out), &named, loaded, curve, &mut data)?;
+            let notes = add_folder(path, role(held_out), &named, loaded, curve, &mut data)?;
+            for note in notes {
+                remark!("{}: {note}", path.display());
+            }
             cell = Some(named);
         } else {
             data.logs.push(log(path, role(held_out), args)?);

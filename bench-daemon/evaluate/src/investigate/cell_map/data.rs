@@ -10,15 +10,12 @@ use analysis::{
     series::{Role, TimeSeries},
 };
 use bench_core::safety::failure::Failure;
-use bench_plan::{
-    config::{MapPlace, MapProcedure},
-    support::terminal::remark,
-};
+use bench_plan::config::{MapPlace, MapProcedure};
 
 use crate::investigate::dataset::Loaded;
 
 /// Adds the runs of a cell in a data set or in a run folder. A run keeps its role unless all are held
-/// out.
+/// out. Returns remarks, in sentences.
 ///
 /// # Errors
 /// Runs that cannot be read, or that start at a voltage beyond the curve.
@@ -29,16 +26,13 @@ pub fn add_folder(
     loaded: Loaded,
     curve: &OcvCurve,
     data: &mut MapData,
-) -> Result<(), Failure> {
+) -> Result<Vec<String>, Failure> {
     let Loaded {
         set,
         problems,
-        notes,
+        mut notes,
         ..
     } = loaded;
-    for note in &notes {
-        remark!("{}: {note}", path.display());
-    }
     if let Some(problem) = problems.first() {
         return Err(Failure::Usage(format!("{}: {problem}", path.display())));
     }
@@ -53,12 +47,10 @@ pub fn add_folder(
         };
         match &run.data {
             RunData::Eis(sweep) if sweep.bias_a != 0.0 => {
-                remark!(
-                    "{}: {} is left out: it was measured under {} A, and a map takes spectra at rest",
-                    path.display(),
-                    run.name,
-                    sweep.bias_a
-                );
+                notes.push(format!(
+                    "{} is left out: it was measured under {} A, and a map takes spectra at rest",
+                    run.name, sweep.bias_a
+                ));
             }
             RunData::Eis(sweep) => data.spectra.push(MapSpectrum {
                 name: run.name.clone(),
@@ -87,7 +79,7 @@ pub fn add_folder(
             }),
         }
     }
-    Ok(())
+    Ok(notes)
 }
 
 /// The points of a run folder of `[map]`; none for other folders.

@@ -7,14 +7,12 @@ use analysis::{
     map::{LogScore, MapFit, SpectrumScore},
     ocv::OcvCurve,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
+    run_folder::{MAP, MAP_LOG_COLUMNS, MAP_LOGS, MAP_SPECTRA, MAP_SPECTRUM_COLUMNS},
     series::Role,
 };
 use bench_core::safety::failure::Failure;
 
 use crate::files::{self, AMBIENT_DEGC};
-
-/// Name of the model of a map.
-pub const MODEL: &str = "map.json";
 
 /// Returns the role of data in words.
 pub fn role(role: Role) -> &'static str {
@@ -37,12 +35,12 @@ pub fn write(folder: &Path, name: &str, curve: &OcvCurve, fit: &MapFit) -> Resul
     .into();
     let json = model.to_json();
     let json = json.map_err(|error| Failure::Analysis(error.to_string()))?;
-    files::write_text(folder, MODEL, &json)?;
+    files::write_text(folder, MAP, &json)?;
     if !fit.logs.is_empty() {
-        files::write_text(folder, "map_logs.csv", &table_of_logs(&fit.logs))?;
+        files::write_text(folder, MAP_LOGS, &table_of_logs(&fit.logs))?;
     }
     if !fit.spectra.is_empty() {
-        files::write_text(folder, "map_spectra.csv", &table_of_spectra(&fit.spectra))?;
+        files::write_text(folder, MAP_SPECTRA, &table_of_spectra(&fit.spectra))?;
     }
     files::write_chart(folder, "map", &picture(name, fit))
 }
@@ -54,9 +52,7 @@ fn number(value: Option<f64>, factor: f64) -> String {
 }
 
 fn table_of_logs(logs: &[LogScore]) -> String {
-    let mut table =
-        "log,role,temperature_degc,rms_mv,bias_mv,worst_soc,worst_mv,left_out_rms_mv,in_band_percent\n"
-            .to_owned();
+    let mut table = format!("{MAP_LOG_COLUMNS}\n");
     for score in logs {
         let (soc, worst_v) = (score.worst.map(|w| w.0), score.worst.map(|w| w.1));
         table.push_str(&format!(
@@ -76,9 +72,7 @@ fn table_of_logs(logs: &[LogScore]) -> String {
 }
 
 fn table_of_spectra(spectra: &[SpectrumScore]) -> String {
-    let mut table =
-        "spectrum,role,soc,temperature_degc,error_percent,left_out_percent,expected_percent\n"
-            .to_owned();
+    let mut table = format!("{MAP_SPECTRUM_COLUMNS}\n");
     for score in spectra {
         table.push_str(&format!(
             "{},{},{:.4},{:.2},{},{},{}\n",
@@ -95,7 +89,7 @@ fn table_of_spectra(spectra: &[SpectrumScore]) -> String {
 }
 
 /// The series resistance and the whole resistance over state of charge, a line per temperature.
-fn picture(name: &str, fit: &MapFit) -> Chart {
+pub(crate) fn picture(name: &str, fit: &MapFit) -> Chart {
     let map = &fit.map;
     let (mut series, mut whole) = (Vec::new(), Vec::new());
     for (j, degc) in map.temperature_degc.iter().enumerate() {

@@ -128,14 +128,18 @@ impl Measurements {
     }
 
     fn add(&mut self, folder: &Path, loaded: Loaded) -> Result<(), Failure> {
-        add_folder(
+        let notes = add_folder(
             folder,
             Role::Train,
             &self.cell,
             loaded,
             &self.curve,
             &mut self.data,
-        )
+        )?;
+        for note in notes {
+            remark!("{}: {note}", folder.display());
+        }
+        Ok(())
     }
 
     /// Adds a later run, whose names begin with that of its folder.

@@ -9,7 +9,7 @@ use analysis::{
     map::MapFit,
     ocv::OcvCurve,
     report::{Report, Table},
-    run_folder::JOURNAL,
+    run_folder::{JOURNAL, MAP},
 };
 use bench_core::safety::failure::Failure;
 use serde::Serialize;
@@ -199,7 +199,7 @@ impl MapInvestigation {
                 ),
                 (
                     "everything in numbers".to_owned(),
-                    "investigation.json and map.json beside this page".to_owned(),
+                    format!("investigation.json and {MAP} beside this page"),
                 ),
             ],
             ..Report::default()

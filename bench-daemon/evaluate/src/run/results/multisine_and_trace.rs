@@ -4,7 +4,7 @@ use analysis::{
     dataset::{self, TraceEntry, TraceRow},
     multisine::Line,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart_svg},
-    report::{Figure, Table},
+    report::{Figure, Table, Verdict},
     run_folder,
     spectrum::ImpedancePoint,
 };
@@ -21,11 +21,12 @@ use bench_core::{
 };
 use bench_plan::config::Experiment;
 
-/// Pictures and tables of a report.
+/// Pictures, tables and verdicts of a report.
 #[derive(Default)]
 pub(super) struct Shown {
     pub(super) figures: Vec<Figure>,
     pub(super) tables: Vec<Table>,
+    pub(super) verdicts: Vec<Verdict>,
 }
 
 /// Draws every multisine and every trace into `plots`.

@@ -91,6 +91,7 @@ pub(super) fn write(
     let mut verdicts = verdicts(recorder, measured);
     verdicts.insert(0, validity::verdict(judged));
     verdicts.extend(described(experiment, measured, fits));
+    verdicts.extend(shown.verdicts);
     verdicts.extend(noted(recorder, fits));
     let points = measured.points.first().map_or(&[][..], Vec::as_slice);
     let records = records::table(
@@ -190,6 +191,7 @@ pub(super) fn without_sweeps(
         tables.push(harness_table(measured));
     }
     let mut verdicts = verdicts(recorder, measured);
+    verdicts.extend(shown.verdicts);
     verdicts.extend(noted(recorder, &[]));
     page(
         recorder,
