@@ -56,6 +56,7 @@ pub(crate) fn run_of(row: &Row<'_>) -> rusqlite::Result<CatalogRun> {
         spectra: row.get("spectra")?,
         refused_points: row.get("refused_points")?,
         fits: row.get("fits")?,
+        map: json(row, "map")?,
         config_sha256: row.get("config_sha256")?,
         content_sha256: row.get("content_sha256")?,
         damage: json(row, "damage")?,

@@ -232,6 +232,15 @@ pub fn run_columns(runs: &[CatalogRun]) -> Vec<TableColumn> {
         counts("spectra", runs, |run| run.spectra),
         counts("refused_points", runs, |run| run.refused_points),
         counts("fits", runs, |run| run.fits),
+        numbers("map_soc_low", runs, |run| Some(run.map?.soc_low)),
+        numbers("map_soc_high", runs, |run| Some(run.map?.soc_high)),
+        numbers("map_temperature_low_c", runs, |run| {
+            Some(run.map?.temperature_low_degc)
+        }),
+        numbers("map_temperature_high_c", runs, |run| {
+            Some(run.map?.temperature_high_degc)
+        }),
+        numbers("map_left_out_mv", runs, |run| run.map?.left_out_mv),
         counts("simulated", runs, |run| u32::from(run.simulated)),
         counts("missing", runs, |run| u32::from(run.missing)),
         texts("version", runs, |run| Some(run.version.clone())),

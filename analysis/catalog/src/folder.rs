@@ -10,9 +10,12 @@ use std::{
 
 use analysis_files::{
     dataset::{RunIndex, SweepEntry, read_spectrum_csv},
-    run_folder::{self, CAMPAIGN, INDEX, JOURNAL, MANIFEST, SUMS},
+    run_folder::{self, CAMPAIGN, INDEX, JOURNAL, MANIFEST, MAP, MAP_LOGS, SUMS},
 };
-use analysis_fit::fit::{MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
+use analysis_fit::{
+    fit::{MODEL_SCHEMA, MODEL_SCHEMA_VERSION},
+    given::GivenModel,
+};
 use analysis_signal::spectrum::ImpedancePoint;
 use serde::{Deserialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
@@ -20,7 +23,8 @@ use sha2::{Digest, Sha256};
 use crate::{
     journal::{self, Told},
     record::{
-        CatalogCell, CatalogFit, CatalogRun, CatalogSpectrum, CatalogVerdict, Folder, TimeSource,
+        CatalogCell, CatalogFit, CatalogMap, CatalogRun, CatalogSpectrum, CatalogVerdict, Folder,
+        TimeSource,
     },
 };
 
@@ -181,7 +185,8 @@ pub(crate) fn read(folder: &Path, stamp: String, beside: Beside) -> Folder {
     let mut reading = Reading::of(folder, beside);
     let spectra = reading.spectra();
     let fits = reading.fits(&spectra);
-    let run = reading.run(&spectra, fits.len());
+    let map = reading.map();
+    let run = reading.run(&spectra, fits.len(), map);
     Folder {
         run,
         stamp,
@@ -374,7 +379,30 @@ impl<'a> Reading<'a> {
         })
     }
 
-    fn run(&self, spectra: &[CatalogSpectrum], fits: usize) -> CatalogRun {
+    /// Reads the map that the run has fitted, if there is one.
+    fn map(&mut self) -> Option<CatalogMap> {
+        let text = match fs::read_to_string(self.folder.join(MAP)) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return None,
+            Err(error) => {
+                self.damage.push(format!("{MAP}: {error}"));
+                return None;
+            }
+        };
+        let model = GivenModel::from_json(&text, MAP, None);
+        let model = model.map_err(|error| self.damage.push(format!("{MAP}: {error}")));
+        let map = model.ok()?.map?;
+        let logs = fs::read_to_string(self.folder.join(MAP_LOGS)).unwrap_or_default();
+        Some(CatalogMap {
+            soc_low: *map.soc.first()?,
+            soc_high: *map.soc.last()?,
+            temperature_low_degc: *map.temperature_degc.first()?,
+            temperature_high_degc: *map.temperature_degc.last()?,
+            left_out_mv: largest(&logs, "left_out_rms_mv"),
+        })
+    }
+
+    fn run(&self, spectra: &[CatalogSpectrum], fits: usize, map: Option<CatalogMap>) -> CatalogRun {
         let Self {
             manifest,
             told,
@@ -414,6 +442,7 @@ impl<'a> Reading<'a> {
             spectra: count(spectra.iter().filter(corrected).count()),
             refused_points: refused,
             fits: count(fits),
+            map,
             config_sha256: manifest.config_sha256.clone(),
             content_sha256: content_sha256(self.folder),
             damage: self.damage.clone(),
@@ -532,6 +561,14 @@ fn model(text: &[u8]) -> Result<Model, String> {
         ));
     }
     Ok(model)
+}
+
+/// Returns the largest number of a column of a table, given as text.
+fn largest(table: &str, column: &str) -> Option<f64> {
+    let mut lines = table.lines();
+    let place = lines.next()?.split(',').position(|name| name == column)?;
+    let number = |line: &str| line.split(',').nth(place)?.parse::<f64>().ok();
+    lines.filter_map(number).reduce(f64::max)
 }
 
 fn content_sha256(folder: &Path) -> Option<String> {

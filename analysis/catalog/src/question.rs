@@ -34,6 +34,8 @@ pub struct Filter {
     pub verdict: Option<CatalogVerdict>,
     /// The interlock has ended the run, even if it continued afterwards.
     pub trip: bool,
+    /// The run has fitted a map.
+    pub map: bool,
     /// A tag of the run.
     pub tag: Option<String>,
     /// Words that occur in the name, bench, experiment, operator, end, cells, tags or notes of the
@@ -67,7 +69,7 @@ impl Filter {
     /// Returns whether a condition applies to runs rather than to what is measured in them.
     pub(crate) fn asks_of_runs(&self) -> bool {
         let texts = [&self.batch, &self.experiment, &self.tag, &self.text];
-        self.trip || self.verdict.is_some() || texts.into_iter().any(Option::is_some)
+        self.trip || self.map || self.verdict.is_some() || texts.into_iter().any(Option::is_some)
     }
 
     /// Returns whether the question has a condition beside the time.
@@ -220,6 +222,10 @@ impl Question {
         if filter.trip {
             let tripped = "run IN (SELECT run FROM event WHERE kind = 'trip')";
             self.add(&format!("{of}.{tripped}"), &[]);
+        }
+        if filter.map {
+            let mapped = "run IN (SELECT run FROM run WHERE map <> 'null')";
+            self.add(&format!("{of}.{mapped}"), &[]);
         }
     }
 

@@ -172,6 +172,9 @@ pub struct CatalogRun {
     pub refused_points: u32,
     /// Number of its fitted models.
     pub fits: u32,
+    /// Map that it has fitted, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<CatalogMap>,
     /// SHA-256 of its configuration.
     pub config_sha256: Option<String>,
     /// SHA-256 of its list of hashes, which identifies the content of the folder; null before the
@@ -187,6 +190,25 @@ pub struct CatalogRun {
 )]
 fn is_zero(number: &u32) -> bool {
     *number == 0
+}
+
+/// A map of a cell that a run has fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CatalogMap {
+    /// Lowest state of charge, 0 to 1.
+    pub soc_low: f64,
+    /// Highest state of charge, 0 to 1.
+    pub soc_high: f64,
+    /// Lowest temperature, °C.
+    #[serde(rename = "temperature_low_c")]
+    pub temperature_low_degc: f64,
+    /// Highest temperature, °C.
+    #[serde(rename = "temperature_high_c")]
+    pub temperature_high_degc: f64,
+    /// Largest error of the voltage on a log, rms, on pieces that are left out of the fit, mV; null
+    /// without logs.
+    pub left_out_mv: Option<f64>,
 }
 
 /// A spectrum of a run.

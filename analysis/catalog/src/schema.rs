@@ -3,7 +3,7 @@
 /// Mark of a catalogue in the head of an SQLite file: `EISC`.
 pub(crate) const APPLICATION: i32 = 0x4549_5343;
 /// Version of the tables. A reader refuses a newer one; a scan builds an older one again.
-pub const VERSION: i32 = 5;
+pub const VERSION: i32 = 6;
 
 /// Tables and indexes. `run_key` finds runs by the name, a serial number or the batch of a cell,
 /// `run_text` by words; both repeat the columns that queries filter by, so that no other table is
@@ -20,7 +20,7 @@ CREATE TABLE run (
   verdict TEXT NOT NULL, trip TEXT, resumed INTEGER NOT NULL, spectra INTEGER NOT NULL,
   refused_points INTEGER NOT NULL, fits INTEGER NOT NULL, config_sha256 TEXT, content_sha256 TEXT,
   damage TEXT NOT NULL, cells TEXT NOT NULL, instruments TEXT NOT NULL, tags TEXT NOT NULL,
-  notes INTEGER NOT NULL
+  notes INTEGER NOT NULL, map TEXT NOT NULL
 );
 CREATE INDEX run_started ON run (started_unix_s, run);
 CREATE INDEX run_bench ON run (bench, started_unix_s, run);
@@ -29,6 +29,7 @@ CREATE INDEX run_bench_verdict ON run (bench, verdict, started_unix_s, run);
 CREATE INDEX run_experiment ON run (experiment, started_unix_s, run);
 CREATE INDEX run_name ON run (name);
 CREATE INDEX run_folder ON run (folder);
+CREATE INDEX run_map ON run (run) WHERE map <> 'null';
 CREATE TABLE run_key (
   kind INTEGER NOT NULL, key TEXT NOT NULL, started_unix_s REAL NOT NULL, run TEXT NOT NULL,
   bench TEXT NOT NULL, verdict TEXT NOT NULL, PRIMARY KEY (kind, key, started_unix_s, run)

@@ -72,7 +72,7 @@ fn put_run(connection: &Connection, folder: &Folder) -> rusqlite::Result<()> {
         "INSERT INTO run VALUES (:run, :folder, :name, :stamp, :missing, :version, :experiment, \
          :bench, :operator, :seed, :time, :simulated, :started_unix_s, :time_source, \
          :bench_time_s, :how, :verdict, :trip, :resumed, :spectra, :refused_points, :fits, \
-         :config_sha256, :content_sha256, :damage, :cells, :instruments, :tags, :notes)",
+         :config_sha256, :content_sha256, :damage, :cells, :instruments, :tags, :notes, :map)",
     )?;
     into.execute(named_params! {
         ":run": run.run,
@@ -104,6 +104,7 @@ fn put_run(connection: &Connection, folder: &Folder) -> rusqlite::Result<()> {
         ":instruments": instruments.to_string(),
         ":tags": json(&run.tags),
         ":notes": run.notes,
+        ":map": json(&run.map),
     })?;
     Ok(())
 }

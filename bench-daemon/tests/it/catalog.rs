@@ -107,6 +107,55 @@ fn a_run_of_a_certain_cell_tells_which_it_was() {
 }
 
 #[test]
+fn a_run_with_a_map_is_found_by_it() {
+    let files = crate::map_next::start();
+    files.run("runs/map").expect_code(0);
+    let at = Cataloged { files };
+    let other = at.path("runs/other");
+    Files::short(3).run(other.to_str().unwrap()).expect_code(0);
+    at.ask(&["scan", "DB", "RUNS"]).expect_code(0);
+    assert_eq!(
+        at.json(&["find", "DB"])["runs"].as_array().unwrap().len(),
+        2
+    );
+    let found = at.json(&["find", "DB", "--map"]);
+    let [run] = &found["runs"].as_array().unwrap()[..] else {
+        panic!("{found}")
+    };
+    let map = &run["map"];
+    let number = |name: &str| map[name].as_f64().unwrap();
+    assert!(
+        number("soc_low") <= 0.2 && number("soc_high") >= 0.9,
+        "{map}"
+    );
+    assert!((number("temperature_low_c") - 25.0).abs() < 1.0, "{map}");
+    // That of the worst log of the table.
+    let table = fs::read_to_string(at.path("runs/map/map_logs.csv")).unwrap();
+    let place = |line: &str| line.split(',').position(|name| name == "left_out_rms_mv");
+    let place = table.lines().next().and_then(place).unwrap();
+    let rows = table.lines().skip(1);
+    let errors_mv = rows.map(|row| row.split(',').nth(place).unwrap().parse::<f64>().unwrap());
+    assert_eq!(
+        Some(number("left_out_mv")),
+        errors_mv.reduce(f64::max),
+        "{table}"
+    );
+    let words = at.ask(&["show", "DB", "map"]).expect_code(0).stdout.clone();
+    assert!(
+        words.contains("fit         map.json  map of SOC 0."),
+        "{words}"
+    );
+    let csv = at
+        .ask(&["find", "DB", "--csv"])
+        .expect_code(0)
+        .stdout
+        .clone();
+    assert!(csv.contains(",map_soc_low,map_soc_high,"), "{csv}");
+    let none = at.json(&["find", "DB", "--map", "--cell", "another"]);
+    assert_eq!(none["runs"], json!([]));
+}
+
+#[test]
 fn runs_of_a_cell_are_found_shown_and_exported() {
     let at = Cataloged::new();
     let found = at.json(&["find", "DB", "--cell", "Molicel P45B", "--verdict", "good"]);

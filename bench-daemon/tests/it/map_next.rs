@@ -122,7 +122,7 @@ fn a_list_of_points_that_cannot_be_is_refused() {
 }
 
 /// Two points of pulses at one temperature: a start of a map within seconds.
-fn start() -> Files {
+pub(crate) fn start() -> Files {
     example("soc = [\"90 %\", \"20 %\"]\n")
         .without(EXPERIMENT, "fixture_check")
         .edit(EXPERIMENT, "[\"25 °C\", \"10 °C\"]", "[\"25 °C\"]")

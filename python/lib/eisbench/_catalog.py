@@ -52,6 +52,11 @@ _RUN = {
     "spectra": "count",
     "refused_points": "count",
     "fits": "count",
+    "map_soc_low": "number",
+    "map_soc_high": "number",
+    "map_temperature_low_c": "number",
+    "map_temperature_high_c": "number",
+    "map_left_out_mv": "number",
     "simulated": "flag",
     "missing": "flag",
     "version": "text",
@@ -168,7 +173,7 @@ _POINTS = (
 )
 _OF_CELL = ("cell", "serial", "batch")
 _OF_RUN = ("bench", "experiment")
-_CONDITIONS = (*_OF_CELL, *_OF_RUN, "from_", "to", "verdict", "trip", "text")
+_CONDITIONS = (*_OF_CELL, *_OF_RUN, "from_", "to", "verdict", "trip", "map", "text")
 # Names of a cell's own columns where a run has several cells.
 _OF_CELLS = {
     "name": "cells",
@@ -213,6 +218,7 @@ class _Wanted:
         self.to_s = unix_s("to", told.get("to"))
         self.verdict: Optional[str] = told.get("verdict")
         self.trip = bool(told.get("trip"))
+        self.map = bool(told.get("map"))
         self.text: Optional[str] = told.get("text")
         self.after: Optional[str] = None
         self.most = PAGE
@@ -254,7 +260,7 @@ class _OfServer:
 
     def page(self, what: str, wanted: _Wanted) -> dict[str, Any]:
         times = ("from_s", "to_s")
-        more = ("trip",) if wanted.trip else ()
+        more = [name for name in ("trip", "map") if getattr(wanted, name)]
         query = wanted.query(
             *_OF_CELL, *_OF_RUN, *times, "verdict", "text", "after", "most", *more
         )
@@ -285,8 +291,8 @@ class Catalog:
     Conditions of a query, all of which must hold: ``cell`` (name or serial number), ``serial``,
     ``batch``, ``bench``, ``experiment``, ``from_`` and ``to`` (a date in UTC, a time, or s since
     1970), ``verdict`` (``good``, ``doubtful``, ``stopped``, ``failed``, ``unfinished``, ``damaged``),
-    ``trip`` (runs that the interlock has ended), ``text`` (words of the run), ``most`` (maximum number of
-    answers; all of them if it is left out).
+    ``trip`` (runs that the interlock has ended), ``map`` (runs that have fitted a map), ``text`` (words
+    of the run), ``most`` (maximum number of answers; all of them if it is left out).
 
     ``started_unix_s`` is the time in s since 1970; a data frame has ``started`` too, in UTC.
     """
@@ -442,6 +448,8 @@ def _run_row(run: dict[str, Any]) -> dict[str, Any]:
         told = [str(cell[name]) for cell in cells if cell.get(name) is not None]
         row[_OF_CELLS.get(name, name)] = "; ".join(told) or None
     row["damage"] = "; ".join(row["damage"]) or None
+    for name, value in (row.pop("map", None) or {}).items():
+        row[f"map_{name}"] = value
     if "tags" in row:
         row["tags"] = "; ".join(row["tags"])
     return row

@@ -49,6 +49,9 @@ pub struct CatalogWanted {
     /// Runs that the interlock ended, also if they were resumed afterwards.
     #[serde(default)]
     trip: bool,
+    /// Runs that have fitted a map over charge and temperature.
+    #[serde(default)]
+    map: bool,
     /// A tag of the run.
     tag: Option<String>,
     /// Words in the name, bench, experiment, operator, end, cells, tags or notes of the run.
@@ -101,6 +104,7 @@ impl CatalogWanted {
             to_unix_s: time("to", self.to)?,
             verdict: self.verdict,
             trip: self.trip,
+            map: self.map,
             tag: self.tag,
             text: self.text,
             after: self.after,

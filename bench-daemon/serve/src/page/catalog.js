@@ -16,6 +16,7 @@ const WORDS = {
     serial: "Serial number",
     bench: "Bench",
     verdict: "Verdict of the run",
+    model: "Kind of model",
     tag: "Tag",
     from: "From day",
     to: "To day",
@@ -85,6 +86,8 @@ const WORDS = {
 };
 
 const FIELDS = Object.keys(WORDS.fields);
+// A map is the one kind of model that runs are found by.
+const MAP = "map";
 const VERDICTS = ["good", "doubtful", "stopped", "failed", "unfinished", "damaged"];
 const MOST_TICKED = { runs: 12, spectra: 24 };
 // Maximum number of curves that can be distinguished.
@@ -222,9 +225,9 @@ function midnight(day, later) {
 // Returns the conditions in the format of the server: whole days as seconds.
 function request() {
   const query = asked();
-  const [from, to] = [query.get("from"), query.get("to")];
-  query.delete("from");
-  query.delete("to");
+  const [from, to, model] = ["from", "to", "model"].map((name) => query.get(name));
+  for (const name of ["from", "to", "model"]) query.delete(name);
+  if (model === MAP) query.set("map", "true");
   if (from) query.set("from_s", midnight(from, 0));
   if (to) query.set("to_s", midnight(to, 1));
   query.set("most", ASKED);
@@ -537,6 +540,7 @@ export async function open(parent, { query }, ctx) {
   const mine = view;
   build(parent, query);
   choices(view.form.elements.verdict, VERDICTS);
+  choices(view.form.elements.model, [MAP]);
   makeTable();
   await search();
   if (view === mine) await offer();

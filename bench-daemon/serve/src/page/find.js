@@ -2,7 +2,7 @@
 // that keep the focus.
 "use strict";
 
-import { el, person, when } from "./bench.js";
+import { el, minus, person, when } from "./bench.js";
 
 const WORDS = {
   columns: {
@@ -18,6 +18,10 @@ const WORDS = {
     tags: "Tags",
     notes: "Notes",
   },
+  map: ({ soc_low, soc_high, temperature_low_c, temperature_high_c, left_out_mv }) =>
+    `map: ${Math.round(100 * soc_low)} to ${Math.round(100 * soc_high)} % of charge, ` +
+    minus(`${temperature_low_c.toFixed(1)} to ${temperature_high_c.toFixed(1)} °C`) +
+    (left_out_mv === null ? "" : `, ${left_out_mv.toFixed(1)} mV left out`),
   unnamed: "–",
   noPlots: "The part of the page that draws spectra is missing; reload the page.",
   serial: (cell) => `${cell.name}${cell.serial ? ` (${cell.serial})` : ""}`,
@@ -148,6 +152,7 @@ export function runCells(run) {
       "th",
       { scope: "row" },
       el("div", { class: "fd-name" }, el("a", { href: address("run", run.name) }, run.name)),
+      run.map ? el("small", {}, WORDS.map(run.map)) : "",
     ),
     names(heads.bench, el("a", { href: `#${encodeURIComponent(run.bench)}` }, run.bench)),
     names(heads.experiment, run.experiment),

@@ -76,6 +76,9 @@ pub(super) struct FilterArgs {
     /// Runs that the interlock ended, also if they were resumed afterwards.
     #[arg(long)]
     trip: bool,
+    /// Runs that have fitted a map over charge and temperature.
+    #[arg(long)]
+    map: bool,
     /// Words in the name, bench, experiment, operator, end or cells of the run.
     #[arg(long, value_name = "WORDS")]
     text: Option<String>,
@@ -124,6 +127,7 @@ impl FilterArgs {
             to_unix_s: self.to,
             verdict: self.verdict.map(Verdict::of_catalog),
             trip: self.trip,
+            map: self.map,
             tag: None,
             text: self.text.clone(),
             after,

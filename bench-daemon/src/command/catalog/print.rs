@@ -3,10 +3,10 @@
 use analysis::catalog::{
     ageing::Ageing,
     query::{CellFound, RunShown},
-    record::{CatalogCell, CatalogRun, TimeSource},
+    record::{CatalogCell, CatalogMap, CatalogRun, TimeSource},
 };
 
-use analysis::run_folder::SUMS;
+use analysis::run_folder::{MAP, SUMS};
 use serde_json::Value;
 
 use bench_evaluate::support::present::{significant, utc};
@@ -36,12 +36,25 @@ fn cells_of(run: &CatalogRun) -> String {
     run.cells.iter().map(named).collect::<Vec<_>>().join(", ")
 }
 
+/// A map with its range and its error.
+fn told_map(map: &CatalogMap) -> String {
+    let error = map.left_out_mv.map_or_else(String::new, |error_mv| {
+        format!(", {} mV left out", significant(error_mv, 3))
+    });
+    format!(
+        "map of SOC {:.2} to {:.2}, {:.1} to {:.1} °C{error}",
+        map.soc_low, map.soc_high, map.temperature_low_degc, map.temperature_high_degc
+    )
+}
+
 /// Runs, a line each.
 pub(super) fn runs(runs: &[CatalogRun]) {
     for run in runs {
+        let map = run.map.as_ref().map(told_map);
+        let map = map.map_or_else(String::new, |map| format!(", {map}"));
         let missing = if run.missing { ", missing" } else { "" };
         say!(
-            "{}  {}  {:<10} {}  {}  {}  {} spectra{missing}",
+            "{}  {}  {:<10} {}  {}  {}  {} spectra{map}{missing}",
             run.run,
             time(run.started_unix_s, run.time_source),
             run.verdict.label(),
@@ -123,6 +136,9 @@ pub(super) fn run(shown: &RunShown) {
             milliohm(Some(fit.r_ohm), fit.r_sigma_ohm),
             milliohm(Some(fit.dc_resistance_ohm), fit.dc_resistance_sigma_ohm)
         );
+    }
+    if let Some(map) = &run.map {
+        say!("fit         {MAP}  {}", told_map(map));
     }
     for event in &shown.events {
         let by = event
