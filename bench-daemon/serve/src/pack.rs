@@ -14,6 +14,7 @@ use analysis::{
         simulate,
     },
     given::GivenModel,
+    map::{CellMap, Outside},
     ocv::OcvCurve,
     pack::Pack,
     run_folder,
@@ -81,8 +82,8 @@ pub struct Load {
     /// Open-circuit voltage of a cell at the start, V, instead of `soc`.
     #[serde(default)]
     ocv_v: Option<f64>,
-    /// Temperature of the cells, °C. It is shown beside that of the measurement; the model does not
-    /// depend on it.
+    /// Temperature of the surroundings and of the cells at the start, °C; left out: 25 °C. A model
+    /// without a map does not depend on it: it is compared with that of the measurement.
     #[serde(default)]
     #[serde(rename = "temperature_c")]
     temperature_degc: Option<f64>,
@@ -113,7 +114,7 @@ pub enum CellModel {
     OfRun {
         /// The run.
         run: String,
-        /// The model's file without its ending, such as `model_4rc`.
+        /// The model's file without its ending, such as `model_4rc` or `map`.
         name: String,
     },
     /// A model as text.
@@ -174,6 +175,35 @@ pub struct RunModel {
     soc: Option<f64>,
     /// True if it includes the open-circuit voltage over the state of charge.
     ocv: bool,
+    /// Range of a model with a map over charge and temperature; absent for a model of one point.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    map: Option<MapRange>,
+}
+
+/// Range in which a map was measured.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct MapRange {
+    /// Lowest state of charge, 0 to 1.
+    soc_low: f64,
+    /// Highest state of charge, 0 to 1.
+    soc_high: f64,
+    /// Lowest temperature, °C.
+    #[serde(rename = "temperature_low_c")]
+    temperature_low_degc: f64,
+    /// Highest temperature, °C.
+    #[serde(rename = "temperature_high_c")]
+    temperature_high_degc: f64,
+}
+
+impl MapRange {
+    fn of(map: &CellMap) -> Option<Self> {
+        Some(Self {
+            soc_low: *map.soc.first()?,
+            soc_high: *map.soc.last()?,
+            temperature_low_degc: *map.temperature_degc.first()?,
+            temperature_high_degc: *map.temperature_degc.last()?,
+        })
+    }
 }
 
 /// The model that was read last, by run and name: it is asked again and again.
@@ -187,16 +217,19 @@ pub fn models(settings: &Settings, jobs: &Jobs) -> Vec<RunModel> {
         let folder = settings.runs().join(&run);
         let temperature_degc = find::temperature_degc(&folder);
         let curve = ocv(settings, &run).is_some();
-        (1..=MAX_RC).rev().filter_map(move |order| {
-            let file = run_folder::model(order);
+        let files = (1..=MAX_RC).rev().map(run_folder::model);
+        let files = std::iter::once(run_folder::MAP.to_owned()).chain(files);
+        files.filter_map(move |file| {
             let model = read_model(&folder.join(&file), None).ok()?;
+            let map = model.map.as_ref();
             Some(RunModel {
                 run: run.clone(),
                 name: file.trim_end_matches(".json").to_owned(),
-                order,
-                temperature_degc,
+                order: map.map_or(model.erm.branches.len(), |map| map.branches.len()),
+                temperature_degc: temperature_degc.filter(|_| map.is_none()),
                 soc: None,
                 ocv: curve || model.ocv.is_some(),
+                map: map.and_then(MapRange::of),
             })
         })
     };
@@ -276,8 +309,8 @@ fn model(
 
 fn of_file(folder: &Path, name: &str) -> Result<GivenModel, String> {
     let file = format!("{name}.json");
-    let known = run_folder::is_model(&file) && confined_path::open(folder, &file).is_some();
-    if !known {
+    let known = run_folder::is_model(&file) || file == run_folder::MAP;
+    if !known || confined_path::open(folder, &file).is_none() {
         return Err(format!(
             "model.name: expected a model of the run, found {name:?}"
         ));
@@ -352,7 +385,14 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
     };
     let run = simulate(&model, &state, &profile, &options).map_err(|error| error.to_string())?;
     let mut cautions = given.warnings;
-    if let Some(wanted_degc) = load.temperature_degc {
+    if given.map.is_some() {
+        let outside = run.summary.outside_map.filter(Outside::is_outside);
+        cautions.extend(
+            outside.map(|outside| {
+                format!("the load {outside}; there the resistances are extrapolated")
+            }),
+        );
+    } else if let Some(wanted_degc) = load.temperature_degc {
         cautions.extend(temperature(wanted_degc, measured_degc));
     }
     Ok(told(run, window, load.current_max_a, cautions))

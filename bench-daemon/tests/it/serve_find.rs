@@ -7,8 +7,9 @@ use analysis::formats;
 use serde_json::{Value, json};
 
 use crate::{
+    map_next,
     serve_support::{Served, config, data, submit, token},
-    support::{CELL, EXPERIMENT, Files, poll, program},
+    support::{CELL, EXPERIMENT, Files, poll, program, project},
 };
 
 /// Starts a server with a finished run of the demo in virtual time.
@@ -519,6 +520,100 @@ fn a_pack_is_explored_with_the_model_of_a_run() {
         let answer = load(more).expect(422);
         assert!(answer.text().contains(words), "{}", answer.text());
     }
+}
+
+#[test]
+fn a_run_of_a_map_brings_its_map_to_the_pack_and_to_the_catalogue() {
+    let files = map_next::start();
+    config(&files, "");
+    let served = Served::start(&files);
+    let run = submit(&served, r#"{"experiment":"demo"}"#);
+    served.ended(&run);
+    let models = served.get("/pack/models");
+    assert_eq!(models.as_array().unwrap().len(), 1, "{models}");
+    let model = &models[0];
+    assert_eq!(
+        (&model["run"], &model["name"]),
+        (&json!(run), &json!("map"))
+    );
+    assert_eq!(
+        (&model["ocv"], &model["temperature_c"]),
+        (&json!(true), &Value::Null)
+    );
+    let range = &model["map"];
+    assert!(
+        number(&range["soc_low"]) <= 0.2 && number(&range["soc_high"]) >= 0.9,
+        "{range}"
+    );
+    let degc = ["temperature_low_c", "temperature_high_c"].map(|name| number(&range[name]));
+    assert!(degc.iter().all(|degc| (degc - 25.0).abs() < 1.0), "{range}");
+    let load = |degc: Option<f64>| {
+        let load = json!({
+            "model": { "run": run, "name": "map" }, "series": 16, "parallel": 3, "soc": 0.5,
+            "profile": "spin_jump", "temperature_c": degc,
+        });
+        served.post("/pack", &load.to_string()).expect(200).json()
+    };
+    // The command, with rows as far apart as those of the server.
+    let profile = project("fixtures/data/profiles/spin_jump.csv");
+    let rows = fs::read_to_string(&profile).unwrap();
+    let last = rows.lines().last().unwrap().split(',').next().unwrap();
+    let step_s = (last.parse::<f64>().unwrap() / 500.0).to_string();
+    let file = files.path("data/runs").join(&run).join("map.json");
+    let command = |degc: &str| -> Value {
+        let words = [
+            "simulate",
+            "--model",
+            file.to_str().unwrap(),
+            "--profile",
+            &profile,
+            "--series",
+            "16",
+            "--parallel",
+            "3",
+            "--soc",
+            "0.5",
+            "--ambient-degc",
+            degc,
+            "--step-s",
+            &step_s,
+            "--json",
+        ];
+        let ended = program(&words);
+        serde_json::from_str(&ended.expect_code(0).stdout).unwrap()
+    };
+    let mut lowest_v = Vec::new();
+    for (degc, words) in [(Some(25.0), "25"), (Some(-5.0), "-5"), (None, "25")] {
+        let (page, told) = (load(degc), command(words));
+        for (own, other) in [
+            ("lowest_v", "min_ccv_v"),
+            ("highest_v", "max_ccv_v"),
+            ("heat_j", "heat_j"),
+            ("highest_a", "peak_current_a"),
+        ] {
+            assert_eq!(page[own], told[other], "{words}: {own}");
+        }
+        let cautions = page["cautions"].to_string();
+        let outside =
+            "leaves the range in which the map was measured by up to 0.000 of charge and 30.1 K";
+        for notes in [cautions, told["notes"].to_string()] {
+            assert_eq!(notes.contains(outside), degc == Some(-5.0), "{notes}");
+        }
+        lowest_v.push(number(&page["lowest_v"]));
+    }
+    assert!(
+        lowest_v[1] < lowest_v[0] && lowest_v[2] == lowest_v[0],
+        "{lowest_v:?}"
+    );
+    let found = poll("the scan", || {
+        let answer = served.ask("GET", "/api/v1/catalog/runs?map=true", ("", ""));
+        let found = (answer.status == 200).then(|| answer.json())?;
+        (!found["runs"].as_array().unwrap().is_empty()).then_some(found)
+    });
+    let map = &found["runs"][0]["map"];
+    assert_eq!(map["soc_low"], range["soc_low"]);
+    assert_eq!(map["temperature_high_c"], range["temperature_high_c"]);
+    assert!(number(&map["left_out_mv"]) > 0.0, "{map}");
 }
 
 /// Sends a request with additional header lines and returns the answer.

@@ -10,6 +10,9 @@ const WORDS = {
   groups: { model: "Cell", pack: "Pack", load: "Load", state: "State at the start", limits: "Limits of the pack" },
   model: "Model",
   typed: "typed below",
+  mapOf: (m) =>
+    `${m.run}: map, ${percent(m.map.soc_low)} to ${percent(m.map.soc_high)} of charge, ` +
+    `${rounded(m.map.temperature_low_c, 1)} to ${rounded(m.map.temperature_high_c, 1)} °C`,
   modelOf: (m) =>
     `${m.run} / ${m.name} (${m.order} RC${m.soc === null ? "" : `, ${percent(m.soc)}`}` +
     `${m.temperature_c === null ? "" : `, ${rounded(m.temperature_c, 1)} °C`}${m.ocv ? "" : ", no OCV curve"})`,
@@ -32,6 +35,7 @@ const WORDS = {
   byOcv: "open-circuit voltage",
   noOcv: "This model has no OCV curve: the open-circuit voltage is given and stays constant.",
   asMeasured: "Temperature as the model was measured",
+  temperature: { map: "Temperature of the surroundings", point: "Temperature" },
   perCell: (v, series) => `${rounded(v / series, 3)} V per cell`,
   perParallel: (a, parallel) => `${rounded(a / parallel, 1)} A per cell`,
   fields: {
@@ -225,7 +229,11 @@ function pair(name, query, changed) {
   const disable = (off) => {
     number.disabled = range.disabled = off;
   };
-  return { node, set, check, say, disable, value: () => number.valueAsNumber, number };
+  const call = (name) => {
+    text(label, `${name} / ${unit}`);
+    range.setAttribute("aria-label", WORDS.slider(name, unit));
+  };
+  return { node, set, check, say, disable, call, value: () => number.valueAsNumber, number };
 }
 
 function choice(label, help, control) {
@@ -341,13 +349,17 @@ function offer(form, models, why) {
     el(
       "option",
       { value: String(place), selected: Boolean(wish) && same(one, wish) },
-      one.unlisted ? WORDS.unlisted(one) : WORDS.modelOf(one),
+      one.unlisted ? WORDS.unlisted(one) : one.map ? WORDS.mapOf(one) : WORDS.modelOf(one),
     ),
   );
   form.select.replaceChildren(...options, el("option", { value: "erm", selected: !wish }, WORDS.typed));
 }
 
 const chosenModel = (form) => (form.select.value === "erm" ? null : form.models[Number(form.select.value)]);
+
+// A map starts at the temperature of the surroundings; its file is called so in every run.
+const isMap = (model) => Boolean(model && (model.map || model.name === "map"));
+const isAsMeasured = (form) => form.measured.checked && !isMap(chosenModel(form));
 
 // Shows the fields that apply to the selection, and why others do not.
 function adapt(form) {
@@ -366,14 +378,16 @@ function adapt(form) {
   fields.soc.node.hidden = !form.usesSoc;
   fields.ocv.node.hidden = form.usesSoc;
   fields.power.node.hidden = form.profile.value !== "constant";
-  fields.temperature.disable(form.measured.checked);
+  fields.temperature.disable(isAsMeasured(form));
+  fields.temperature.call(WORDS.temperature[isMap(model) ? "map" : "point"]);
+  form.measuredNode.hidden = isMap(model);
 }
 
 // Returns whether all fields that apply are valid; an invalid one shows a message.
 function isFilledIn(form) {
   const { fields } = form;
   const unused = { soc: !form.usesSoc, ocv: form.usesSoc, power: form.profile.value !== "constant" };
-  unused.temperature = form.measured.checked;
+  unused.temperature = isAsMeasured(form);
   const wrong = Object.keys(fields).filter((name) => !unused[name] && !fields[name].check());
   const typed = chosenModel(form) || form.erm.value.trim();
   form.erm.setAttribute("aria-invalid", String(!typed));
@@ -398,7 +412,7 @@ function question(form) {
     series: value("series"),
     parallel: value("parallel"),
     ...(form.usesSoc ? { soc: tidy(value("soc") / 100) } : { ocv_v: value("ocv") }),
-    temperature_c: form.measured.checked ? null : value("temperature"),
+    temperature_c: isAsMeasured(form) ? null : value("temperature"),
     profile: form.profile.value,
     power_w: form.profile.value === "constant" ? value("power") : null,
     scale: value("scale"),
@@ -416,7 +430,7 @@ function addressOf(form) {
   const names = ["series", "parallel", "scale", form.usesSoc ? "soc" : "ocv", "vmin", "vmax", "amax"];
   query.set("profile", form.profile.value);
   if (form.profile.value === "constant") names.push("power");
-  if (!form.measured.checked) names.push("temperature");
+  if (!isAsMeasured(form)) names.push("temperature");
   names.forEach((name) => query.set(name, value(name)));
   return `#/pack?${query}`;
 }

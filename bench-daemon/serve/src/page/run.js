@@ -79,6 +79,21 @@ const WORDS = {
     none: ["–", "not planned"],
   },
   place: (cell, repeat, state) => `${cell}, repeat ${repeat}: ${state}`,
+  map: "Map over charge and temperature",
+  mapPicture: "Series resistance, and with all branches, over state of charge, a line for each temperature",
+  mapPack: "Put a load on a pack of this cell",
+  mapTables: { "map_logs.csv": "Errors on logs", "map_spectra.csv": "Errors on spectra" },
+  mapHeads: {
+    log: "Log",
+    spectrum: "Spectrum",
+    soc: "State of charge",
+    temperature_degc: "Temperature / °C",
+    rms_mv: "Error, rms / mV",
+    left_out_rms_mv: "Left out of the fit / mV",
+    worst_mv: "Worst tenth of charge / mV",
+    error_percent: "Error / %",
+    left_out_percent: "Left out of the fit / %",
+  },
   report: "Save the report",
   files: "Report and files",
   noReport: "No report yet.",
@@ -134,6 +149,8 @@ const ANALYSES = {
   kk: { drt: false },
 };
 const REPORT = "report.html";
+const MAP_PICTURE = "map.svg";
+const MAP_FILES = ["map.json", ...Object.keys(WORDS.mapTables), MAP_PICTURE, "map.png"];
 const TAG = /^[\p{L}\p{N}_-]{1,40}$/u;
 const MOST_TAGS = 20;
 // Maximum number of spectra that can be distinguished in one plot.
@@ -430,6 +447,63 @@ function campaignSection() {
   view.campaignSection = section("fd-campaign", WORDS.campaign, view.campaignSaid, frame, view.placeSaid);
   view.campaignSection.hidden = true;
   return view.campaignSection;
+}
+
+// ---- the map ------------------------------------------------------------------------------------
+
+function mapSection() {
+  view.mapPicture = el("img", { class: "fd-map", alt: WORDS.mapPicture, hidden: true });
+  view.mapTables = el("div", {});
+  view.mapFiles = el("ul", { class: "fd-files" });
+  const pack = `#/pack?${query({ run: view.run, name: "map" })}`;
+  const parts = [view.mapPicture, view.mapTables, view.mapFiles, el("a", { href: pack }, WORDS.mapPack)];
+  view.mapSection = section("fd-map", WORDS.map, ...parts);
+  view.mapSection.hidden = true;
+  return view.mapSection;
+}
+
+// Shows the picture and the errors of the map once its files exist, and again when they have changed.
+async function drawMap() {
+  const mine = view;
+  const files = mine.files.filter((file) => MAP_FILES.includes(file.path));
+  mine.mapSection.hidden = !files.some((file) => file.path === MAP_FILES[0]);
+  const key = JSON.stringify(files);
+  if (mine.mapSection.hidden || mine.mapKey === key) return;
+  mine.mapKey = key;
+  fill(mine.mapFiles, ...files.map((file) => fileRow(file, file.path)));
+  const read = (name) => mine.ctx.file(path("files", name)).catch(() => null);
+  const tables = Object.keys(WORDS.mapTables).filter((name) => files.some((file) => file.path === name));
+  const [picture, ...texts] = await Promise.all([
+    read(MAP_PICTURE),
+    ...tables.map(async (name) => (await read(name))?.text()),
+  ]);
+  if (view !== mine) return;
+  const errors = (name, place) => (texts[place] ? mapTable(WORDS.mapTables[name], texts[place]) : "");
+  fill(mine.mapTables, ...tables.map(errors));
+  if (!picture) {
+    mine.mapKey = "";
+    return;
+  }
+  // An image shows a file of the server only as data: the server sends files as downloads.
+  const reader = new FileReader();
+  reader.onload = () => Object.assign(mine.mapPicture, { src: reader.result, hidden: false });
+  reader.readAsDataURL(new Blob([picture], { type: "image/svg+xml" }));
+}
+
+// The columns of a table of errors that have a head, a row for each log or spectrum.
+function mapTable(label, csv) {
+  const [names, ...lines] = csv.trim().split("\n").map((line) => line.split(","));
+  const kept = names.map((name, place) => [WORDS.mapHeads[name], place]).filter(([head]) => head);
+  const value = (number) => number.replace("-", "−") || WORDS.unknown;
+  const row = (line) =>
+    el(
+      "tr",
+      {},
+      ...kept.map(([head, place]) =>
+        place ? cell(head, value(line[place])) : el("th", { scope: "row" }, line[place]),
+      ),
+    );
+  return table(label, kept.map(([head]) => head), el("tbody", {}, ...lines.map(row)));
 }
 
 // ---- files and log ------------------------------------------------------------------------------
@@ -855,6 +929,7 @@ async function load() {
     part(ask("files", []), (got) => {
       mine.files = got;
       drawFiles();
+      drawMap();
     }),
     part(ask("notes", []), mine.notes.take),
     loadLog(),
@@ -904,6 +979,7 @@ function build(parent) {
       el("div", { class: "fd-stacked" }, acts(), said),
     ),
     campaignSection(),
+    mapSection(),
     spectraSection(),
     filesSection(),
   );
