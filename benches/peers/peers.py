@@ -4,9 +4,13 @@ Every figure is processor time of one thread, the best of a few repeats, after c
 Needs `requirements.txt`.
 """
 
+import importlib.util
 import json
 import os
+import pathlib
+import subprocess
 import sys
+import tempfile
 import time
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -227,6 +231,108 @@ def forward():
     run()
     seconds, _ = best(run, 5)
     report("forward-4rc", "numba loop, one cell", steps_per_cpu_s=steps / seconds)
+    forward_map()
+
+
+MAP = pathlib.Path(__file__).parents[2] / "fixtures/data/cells/panasonic_18650pf_25C/map_6rc.json"
+AMBIENT_DEGC = 15.0
+
+
+def resistances(surface, map_degc, degc):
+    """Resistance of a surface at its SOC knots and one temperature: the mean of Arrhenius' law from both nodes."""
+    inverse = 1.0 / (np.array(map_degc) + 273.15)
+    here = 1.0 / (degc + 273.15)
+    share = np.clip((here - inverse[0]) / (inverse[1] - inverse[0]), 0.0, 1.0)
+    factors = np.exp(surface["activation_j_per_mol"] / 8.31446261815324 * (here - inverse))
+    return (np.array([1.0 - share, share]) * factors) @ np.array(surface["r_ohm"])
+
+
+@numba.njit(fastmath=True)
+def between(z, knots):
+    """Index of the knot before a SOC, and the share of the next one."""
+    k = min(max(np.searchsorted(knots, z) - 1, 0), len(knots) - 2)
+    return k, min(max((z - knots[k]) / (knots[k + 1] - knots[k]), 0.0), 1.0)
+
+
+@numba.njit(fastmath=True)
+def map_loop(power_w, dt, coulomb, curve, knots, table, tau_s, z, out):
+    """A map at one temperature: OCV correction and resistances over SOC, the voltage from the quadratic, then an
+    exponential step of every branch. Of first order in the step, and the OCV is linear between its knots."""
+    branches = len(tau_s)
+    v = np.zeros(branches)
+    decay = np.exp(-dt / tau_s)
+    for k in range(len(power_w)):
+        low, share = between(z, curve[0])
+        e = curve[1, low] + share * (curve[1, low + 1] - curve[1, low])
+        low, share = between(z, knots)
+        e += table[0, low] + share * (table[0, low + 1] - table[0, low])
+        for b in range(branches):
+            e -= v[b]
+        r = table[1, low] + share * (table[1, low + 1] - table[1, low])
+        ccv = 0.5 * (e + np.sqrt(e * e - 4.0 * power_w[k] * r))
+        i = power_w[k] / ccv
+        for b in range(branches):
+            r = table[2 + b, low] + share * (table[2 + b, low + 1] - table[2 + b, low])
+            v[b] = v[b] * decay[b] + r * (1.0 - decay[b]) * i
+        z -= i * dt / coulomb
+        out[k] = ccv
+    return z
+
+
+def forward_map():
+    """The fitted map of six branches under a tenth of the power of `forward_map.rs`: numba, and PyBaMM's Thevenin."""
+    file = json.loads(MAP.read_text())
+    cell, ocv = file["map"], file["ocv"]
+    steps, dt = 600_000, 1e-4
+    t = np.arange(steps) * dt
+    power = 0.1 * (60.0 + 40.0 * np.sin(7.0 * t) + np.where((3.0 * t) % 1.0 < 0.2, 60.0, 0.0))
+    at_ambient = lambda surface: resistances(surface, cell["temperature_degc"], AMBIENT_DEGC)  # noqa: E731
+    warmer_k = AMBIENT_DEGC - cell["ocv_temperature_degc"]
+    offset_v = np.array(cell["ocv_offset_v"]) + warmer_k * np.array(cell["ocv_v_per_k"])
+    branches = [at_ambient(branch["resistance"]) for branch in cell["branches"]]
+    table = np.array([offset_v, at_ambient(cell["series"]), *branches])
+    tau_s = np.array([branch["tau_s"] for branch in cell["branches"]])
+    curve = np.array([ocv["soc"], ocv["ocv_v"]])
+    knots, coulomb, out = np.array(cell["soc"]), 3600.0 * ocv["capacity_ah"], np.zeros(steps)
+    run = lambda: map_loop(power, dt, coulomb, curve, knots, table, tau_s, 0.5, out)  # noqa: E731
+    run()
+    seconds, _ = best(run, 5)
+    report("forward-map", "numba loop, one cell, one temperature, first order", steps_per_cpu_s=steps / seconds)
+    thevenin_of_map(t, power, out)
+
+
+def thevenin_of_map(t, power, expected_v):
+    """PyBaMM's Thevenin with the export of the map; its own time steps, the voltage at every time of the power."""
+    try:
+        import pybamm
+    except ImportError:
+        return
+    program = os.environ.get("EIS_BENCH", str(pathlib.Path(__file__).parents[2] / "target/debug/eis-bench"))
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run(
+            [program, "convert", MAP, "--to", "pybamm", "--out", folder], check=True, stdout=subprocess.DEVNULL
+        )
+        spec = importlib.util.spec_from_file_location("map_pybamm", f"{folder}/map_6rc_pybamm.py")
+        exported = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(exported)
+    pybamm.set_logging_level("ERROR")
+    # A hundredth of the time: the solver takes minutes for the whole.
+    t, power, expected_v = t[::10][:6000], power[::10][:6000], expected_v[::10][:6000]
+    values = pybamm.ParameterValues(exported.get_parameter_values())
+    values["Power function [W]"] = pybamm.Interpolant(t, power, pybamm.t, interpolator="linear")
+    values["Initial temperature [K]"] = values["Ambient temperature [K]"] = AMBIENT_DEGC + 273.15
+    model = exported.thevenin(power=True)
+    solver = pybamm.IDAKLUSolver(rtol=1e-6, atol=1e-6)
+    simulation = pybamm.Simulation(model, parameter_values=values, solver=solver)
+    solve = lambda: simulation.solve(t_eval=t[[0, -1]], t_interp=t)  # noqa: E731
+    solve()
+    seconds, solution = best(solve, 3)
+    apart_v = np.abs(solution["Voltage [V]"](t) - expected_v).max()
+    report(
+        "forward-map",
+        f"PyBaMM Thevenin, points of output 1 ms apart, within {1e6 * apart_v:.0f} µV of numba",
+        steps_per_cpu_s=len(t) / seconds,
+    )
 
 
 def main():

@@ -77,6 +77,7 @@ pub(crate) fn rows() -> Vec<Row> {
     cases
         .into_iter()
         .map(|(work, what, case)| Row::new(work, what, best(case), Unit::PerSecond("steps")))
+        .chain(crate::forward_map::rows(&held))
         .collect()
 }
 

@@ -19,6 +19,7 @@
 mod circuit;
 mod fit;
 mod forward;
+mod forward_map;
 mod kk;
 mod peers;
 mod sine;

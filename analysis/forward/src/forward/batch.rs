@@ -9,7 +9,11 @@
 mod cell;
 mod kernel;
 mod lanes;
+mod law;
+pub(super) mod mapped;
+mod ocv_piece;
 mod plan;
+mod tally;
 
 use super::error::ForwardError;
 use super::law::{Beyond, Demand};
@@ -21,7 +25,10 @@ use lanes::Lanes;
 use plan::Plan;
 use rayon::prelude::*;
 
-/// RC branches at most.
+/// One number per cell.
+type Row<const W: usize> = [f64; W];
+
+/// RC branches of a model without a map at most.
 pub const MAX_BATCH_RC: usize = 8;
 /// Cells in lockstep on one core: enough to hide how long a root takes.
 const WIDE: usize = 16;
@@ -49,11 +56,21 @@ pub fn simulate_batch(
             met: fraction,
         });
     }
+    let mapped = cells.iter().filter(|c| c.model.mapped.is_some()).count();
+    if mapped > 0 && mapped < cells.len() {
+        return Err(ForwardError::Value {
+            what: "batch, cells with a map",
+            expected: "all or none",
+            met: mapped as f64,
+        });
+    }
     for cell in cells {
         cell.model.check(cell.state)?;
-        cell.model.linear_only("batch")?;
+        if mapped == 0 {
+            cell.model.linear_only("batch")?;
+        }
         let met = cell.model.erm.branches.len();
-        if met > MAX_BATCH_RC {
+        if mapped == 0 && met > MAX_BATCH_RC {
             return Err(ForwardError::TooManyBranches {
                 most: MAX_BATCH_RC,
                 met,
@@ -69,12 +86,12 @@ pub fn simulate_batch(
         }
     }
     let plan = Plan::new(profile, options);
-    let run = |chunk: &[BatchCell<'_>]| {
-        if chunk.len() == 1 {
-            by_branches::<1>(chunk, &plan)
-        } else {
-            by_branches::<WIDE>(chunk, &plan)
-        }
+    let run = |chunk: &[BatchCell<'_>]| match (mapped, chunk.len()) {
+        (0, 1) => by_branches::<1>(chunk, &plan),
+        (0, _) => by_branches::<WIDE>(chunk, &plan),
+        // A cell alone has its branches side by side, more cells each other.
+        (1, _) => mapped::alone(&chunk[0], &plan),
+        _ => mapped::outcomes::<WIDE, WIDE>(chunk, &plan),
     };
     let parts: Vec<Vec<BatchOutcome>> = cells.par_chunks(WIDE).map(run).collect();
     Ok(parts.into_iter().flatten().collect())

@@ -41,9 +41,9 @@ pub struct SimModel {
 /// A map and the temperature around the cells.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Mapped {
-    pub(super) map: Arc<CellMap>,
+    pub(crate) map: Arc<CellMap>,
     /// Temperature of the surroundings, °C.
-    pub(super) ambient_degc: f64,
+    pub(crate) ambient_degc: f64,
 }
 
 /// State of a model.

@@ -81,8 +81,8 @@ pub fn largest_scale(
         beyond: Beyond::Stop,
         max_step_s: options.max_step_s,
     };
-    let one_by_one =
-        model.laws.is_some() || model.mapped.is_some() || model.erm.branches.len() > MAX_BATCH_RC;
+    let too_many = model.mapped.is_none() && model.erm.branches.len() > MAX_BATCH_RC;
+    let one_by_one = model.laws.is_some() || too_many;
     let judge = |factors: &[f64]| -> Result<Vec<Option<ScaleBound>>, ForwardError> {
         if one_by_one {
             return factors

@@ -1,8 +1,5 @@
 //! Step of a branch with a fixed time constant.
 
-/// Smallest resistance of a branch in its bend and its heat, Ω: below it, the voltage belongs to another
-/// state.
-const LEAST_OHM: f64 = 1e-5;
 /// Largest voltage of a branch over its bend.
 const MOST_BEND: f64 = 20.0;
 
@@ -16,11 +13,15 @@ pub struct Drive {
 }
 
 impl Drive {
+    /// Smallest resistance of a branch in its bend and its heat, Ω: below it, the voltage belongs to
+    /// another state.
+    pub const LEAST_OHM: f64 = 1e-5;
+
     /// Returns the drive of a branch of a resistance, Ω, under a current, A. `exchange_a`: the exchange
     /// current of a branch of charge transfer, A.
     #[inline]
     pub fn new(exchange_a: Option<f64>, r_ohm: f64, current_a: f64) -> Self {
-        let bend = |exchange_a: f64| 2.0 * exchange_a * r_ohm.max(LEAST_OHM);
+        let bend = |exchange_a: f64| 2.0 * exchange_a * r_ohm.max(Self::LEAST_OHM);
         Self {
             driven_v: r_ohm * current_a,
             bend_v: exchange_a.map_or(f64::INFINITY, bend),
@@ -30,7 +31,7 @@ impl Drive {
     /// Returns the power that a branch of a voltage, V, and a resistance, Ω, turns into heat, W.
     #[inline]
     pub fn lost_w(&self, v: f64, r_ohm: f64) -> f64 {
-        v * self.leaking_v(v) / r_ohm.max(LEAST_OHM)
+        v * self.leaking_v(v) / r_ohm.max(Self::LEAST_OHM)
     }
 
     /// Returns the voltage that the current through the resistance of the branch would have without
@@ -58,9 +59,9 @@ pub struct BranchStep {
     /// Factor on the driving voltage at the end.
     pub end: f64,
     /// Length of the step over the time constant.
-    ratio: f64,
+    pub ratio: f64,
     /// Share of the end in the mean driving voltage.
-    end_share: f64,
+    pub end_share: f64,
 }
 
 /// End of a step.

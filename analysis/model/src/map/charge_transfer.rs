@@ -29,11 +29,16 @@ pub struct ChargeTransfer {
 impl ChargeTransfer {
     /// Returns the exchange current at a SOC and a temperature, °C, in A.
     pub fn exchange_a(&self, soc: f64, temperature_degc: f64) -> f64 {
-        let z = soc.clamp(0.0, 1.0);
-        let share = (2.0 * (z * (1.0 - z)).sqrt()).max(LEAST_SHARE);
         let (here_k, reference_k) = (temperature_degc + ZERO_DEGC_K, REFERENCE_DEGC + ZERO_DEGC_K);
         let exponent =
             self.activation_j_per_mol / GAS_J_PER_MOL_K * (1.0 / reference_k - 1.0 / here_k);
-        self.exchange_current_a * share * exponent.exp() * here_k / reference_k
+        self.exchange_current_a * Self::share(soc) * exponent.exp() * here_k / reference_k
+    }
+
+    /// Returns the share of the exchange current at half charge that is left at a SOC.
+    #[inline(always)]
+    pub fn share(soc: f64) -> f64 {
+        let z = soc.clamp(0.0, 1.0);
+        (2.0 * (z * (1.0 - z)).sqrt()).max(LEAST_SHARE)
     }
 }

@@ -1,5 +1,6 @@
 //! Input and result of a batch of cells.
 
+use analysis_model::map::Outside;
 use serde::Serialize;
 
 use super::super::{
@@ -60,4 +61,7 @@ pub struct BatchOutcome {
     /// True when the voltage behind the series resistance was gone under a power: the other figures
     /// then mean nothing.
     pub collapsed: bool,
+    /// Largest distance from the range of the map, of a model with a map.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outside_map: Option<Outside>,
 }

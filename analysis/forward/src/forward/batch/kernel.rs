@@ -3,16 +3,13 @@
 //!
 //! Products and sums are not fused, so that every machine gets the same bits.
 
-use super::lanes::{LaneGains, Lanes, Now, Row};
+use super::Row;
+use super::lanes::{LaneGains, Lanes, Now};
+use super::law::{CLAMPED, CURRENT, LOAD, LaneDemand, TANGENT, current, less};
 use super::plan::Plan;
+use super::tally::Source;
 use crate::forward::law::{Beyond, Demand};
 use analysis_effects::contract::Ramp;
-
-/// Kinds of the law, as constants so that each has a separate loop.
-const CLAMPED: u8 = 0;
-const TANGENT: u8 = 1;
-const CURRENT: u8 = 2;
-const LOAD: u8 = 3;
 
 /// Runs all steps of a plan.
 pub(super) fn run<const W: usize, const N: usize>(
@@ -266,8 +263,13 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
             outside |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
             now.e[l] += ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - begin.open[l];
         }
-        let source = |e_v: f64, current_a: f64| Source { e_v, current_a };
-        tally(lanes, now, g.step_s, l, source(e0, i0), source(e1, i1));
+        let source = |e_v: f64, current_a: f64| Source {
+            e_v,
+            current_a,
+            r_ohm: lanes.r[l],
+            interconnect_ohm: lanes.interconnect[l],
+        };
+        now.tally.add(l, g.step_s, source(e0, i0), source(e1, i1));
     }
     outside
 }
@@ -281,41 +283,6 @@ fn kept<const W: usize, const N: usize>(now: &Now<W, N>, g: &LaneGains<W, N>, l:
         kept[k % 2] += g.decay[k][l] * now.v[k][l];
     }
     kept[0] + kept[1]
-}
-
-/// A lane at an instant.
-#[derive(Clone, Copy)]
-struct Source {
-    /// E = OCV − Σv, V.
-    e_v: f64,
-    /// Current, A.
-    current_a: f64,
-}
-
-/// Adds a step of one lane from its start and end.
-#[inline(always)]
-fn tally<const W: usize, const N: usize>(
-    lanes: &Lanes<'_, W, N>,
-    now: &mut Now<W, N>,
-    step_s: f64,
-    l: usize,
-    start: Source,
-    end: Source,
-) {
-    let (e0, i0, e1, i1) = (start.e_v, start.current_a, end.e_v, end.current_a);
-    let (ccv0, ccv1) = (e0 - lanes.r[l] * i0, e1 - lanes.r[l] * i1);
-    let t = &mut now.tally;
-    t.charge[l] += 0.5 * step_s * (i0 + i1);
-    t.energy[l] += 0.5 * step_s * (i0 * ccv0 + i1 * ccv1);
-    let (inner0, inner1) = (
-        ccv0 + lanes.interconnect[l] * i0,
-        ccv1 + lanes.interconnect[l] * i1,
-    );
-    t.min_ccv[l] = less(t.min_ccv[l], less(ccv0, ccv1));
-    t.max_ccv[l] = more(t.max_ccv[l], more(ccv0, ccv1));
-    t.min_inner[l] = less(t.min_inner[l], less(inner0, inner1));
-    t.max_inner[l] = more(t.max_inner[l], more(inner0, inner1));
-    t.least_e[l] = less(t.least_e[l], less(e0, e1));
 }
 
 /// Makes one step of all lanes; returns true if a lane has left its piece of the OCV curve.
@@ -332,17 +299,19 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
     for l in 0..W {
         let asked = |e_v: f64, demand: f64| LaneDemand {
             e_v,
+            r_ohm: lanes.r[l],
             demand: demand * lanes.scale[l],
             fraction,
+            tangent: [lanes.tangent.0, lanes.tangent.1[l]],
         };
         // OCV − Σv is carried from step to step: summing the branches anew would make the next root
         // wait for them.
         let e0 = now.e[l];
-        let (i0, short0) = current::<W, N, LAW>(lanes, l, asked(e0, demand.start));
+        let (i0, short0) = current::<LAW>(asked(e0, demand.start));
         let e1 = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * i0)
             - kept(now, g, l)
             - g.held[l] * i0;
-        let (i1, short1) = current::<W, N, LAW>(lanes, l, asked(e1, demand.end));
+        let (i1, short1) = current::<LAW>(asked(e1, demand.end));
         let mut rest = 0.0;
         for k in 0..N {
             let begun = g.decay[k][l] * now.v[k][l] + g.start[k][l] * i0;
@@ -354,8 +323,13 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
             outside |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
         }
         now.e[l] = ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - rest - g.ends[l] * i1;
-        let source = |e_v: f64, current_a: f64| Source { e_v, current_a };
-        tally(lanes, now, g.step_s, l, source(e0, i0), source(e1, i1));
+        let source = |e_v: f64, current_a: f64| Source {
+            e_v,
+            current_a,
+            r_ohm: lanes.r[l],
+            interconnect_ohm: lanes.interconnect[l],
+        };
+        now.tally.add(l, g.step_s, source(e0, i0), source(e1, i1));
         let t = &mut now.tally;
         t.infeasible[l] = less(
             t.infeasible[l],
@@ -381,58 +355,4 @@ fn ocv<const W: usize, const N: usize, const CURVED: bool>(
     }
     let t = (soc - piece.origin[l]) * piece.rate[l];
     piece.c[0][l] + t * (piece.c[1][l] + t * (piece.c[2][l] + t * piece.c[3][l]))
-}
-
-/// A demand on a lane.
-#[derive(Clone, Copy)]
-struct LaneDemand {
-    /// E = OCV − Σv, V.
-    e_v: f64,
-    /// Demand, W, A or Ω.
-    demand: f64,
-    /// P₀/P*, where the tangent begins.
-    fraction: f64,
-}
-
-/// Returns the current of [`crate::forward::Drive::reply`], and whether the requested power
-/// exceeded the available power.
-#[inline(always)]
-fn current<const W: usize, const N: usize, const LAW: u8>(
-    lanes: &Lanes<'_, W, N>,
-    l: usize,
-    asked: LaneDemand,
-) -> (f64, bool) {
-    let LaneDemand {
-        e_v: e,
-        demand,
-        fraction,
-    } = asked;
-    if LAW == CURRENT {
-        return (demand, false);
-    }
-    if LAW == LOAD {
-        return (e / (lanes.r[l] + demand), false);
-    }
-    let (square, asked) = (e * e, 4.0 * lanes.r[l] * demand);
-    let short = asked > square;
-    // Compared anew below: the root must not wait for the verdict.
-    let root = (square - asked).max(0.0).sqrt();
-    // One division for both, so that nothing branches and all lanes go on together.
-    let on_tangent = asked > fraction * square;
-    let over = lanes.tangent.0 * demand - lanes.tangent.1[l] * square;
-    (
-        (if on_tangent { over } else { 2.0 * demand }) / (if on_tangent { e } else { e + root }),
-        short,
-    )
-}
-
-/// The smaller one; `f64::min` would also ask for NaN.
-#[inline(always)]
-fn less(a: f64, b: f64) -> f64 {
-    if b < a { b } else { a }
-}
-
-#[inline(always)]
-fn more(a: f64, b: f64) -> f64 {
-    if b > a { b } else { a }
 }

@@ -1,14 +1,13 @@
 //! W cells side by side: everything the inner loop touches, a list of W numbers each.
 
+use super::Row;
+use super::cell::{BatchCell, BatchOutcome};
+use super::ocv_piece::{LaneCurve, OcvPiece};
 use super::plan::Plan;
-use super::{BatchCell, BatchOutcome};
-use crate::forward::law::{Beyond, Demand};
+use super::tally::Tally;
+use crate::forward::law::Beyond;
 use crate::forward::model::{OcvSource, SimState};
 use crate::forward::step::Gain;
-use analysis_model::ocv::OcvCurve;
-
-/// One number per cell.
-pub(super) type Row<const W: usize> = [f64; W];
 
 /// Action of one step length on each cell.
 #[derive(Debug, Clone, Copy)]
@@ -30,26 +29,6 @@ pub(super) struct LaneGains<const W: usize, const N: usize> {
     /// SOC per ampere over the step.
     pub(super) soc: Row<W>,
     pub(super) step_s: f64,
-}
-
-/// A cubic piece of the OCV at the terminals: c₀ + t(c₁ + t(c₂ + t·c₃)), t = (SOC − origin)·rate.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct OcvPiece<const W: usize> {
-    pub(super) c: [Row<W>; 4],
-    pub(super) origin: Row<W>,
-    pub(super) rate: Row<W>,
-    /// The SOC for which the piece is meant.
-    pub(super) from: Row<W>,
-    pub(super) to: Row<W>,
-}
-
-/// The OCV curve of a lane.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct LaneCurve<'a> {
-    /// Curve of one cell.
-    curve: &'a OcvCurve,
-    /// Cells in series.
-    series: f64,
 }
 
 #[derive(Debug, Clone)]
@@ -77,21 +56,6 @@ pub(super) struct Now<const W: usize, const N: usize> {
     /// OCV − Σvₖ, V.
     pub(super) e: Row<W>,
     pub(super) tally: Tally<W>,
-}
-
-/// Extremes and sums that are kept of the run.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Tally<const W: usize> {
-    pub(super) min_ccv: Row<W>,
-    pub(super) max_ccv: Row<W>,
-    /// With the interconnect's share given back.
-    pub(super) min_inner: Row<W>,
-    pub(super) max_inner: Row<W>,
-    pub(super) least_e: Row<W>,
-    pub(super) energy: Row<W>,
-    pub(super) charge: Row<W>,
-    /// First step with too much power, as a number.
-    pub(super) infeasible: Row<W>,
 }
 
 impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
@@ -159,82 +123,13 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
     }
 
     pub(super) fn outcome(&self, l: usize, cell: &BatchCell<'_>, plan: &Plan<'_>) -> BatchOutcome {
-        let t = &self.now.tally;
-        let first = t.infeasible[l];
-        let infeasible_s = first.is_finite().then(|| plan.time_s(first as u64));
-        let series = f64::from(cell.model.pack.series);
         let branches = cell.state.v_rc_v.len();
-        BatchOutcome {
-            min_ccv_v: t.min_ccv[l],
-            max_ccv_v: t.max_ccv[l],
-            min_cell_v: t.min_inner[l] / series,
-            max_cell_v: t.max_inner[l] / series,
-            energy_j: t.energy[l],
-            charge_coulomb: t.charge[l],
-            infeasible_s: infeasible_s.filter(|_| plan.demand == Demand::Power),
-            end: SimState {
-                soc: self.now.soc[l],
-                v_rc_v: self.now.v.iter().take(branches).map(|v| v[l]).collect(),
-                temperature_degc: None,
-            },
-            collapsed: plan.demand == Demand::Power && t.least_e[l] <= 0.0,
-        }
-    }
-}
-
-impl<const W: usize> Tally<W> {
-    fn new() -> Self {
-        let (most, least) = ([f64::INFINITY; W], [f64::NEG_INFINITY; W]);
-        Self {
-            min_ccv: most,
-            max_ccv: least,
-            min_inner: most,
-            max_inner: least,
-            least_e: most,
-            energy: [0.0; W],
-            charge: [0.0; W],
-            infeasible: most,
-        }
-    }
-}
-
-impl<const W: usize> OcvPiece<W> {
-    fn set(&mut self, l: usize, lane: LaneCurve<'_>, soc: f64) {
-        let LaneCurve { curve, series } = lane;
-        let last = curve.soc.len() - 1;
-        let (first_soc, last_soc) = (curve.soc[0], curve.soc[last]);
-        if soc <= first_soc || soc >= last_soc {
-            let low = soc <= first_soc;
-            let (k, from, to) = if low {
-                (0, f64::NEG_INFINITY, first_soc)
-            } else {
-                (last, last_soc, f64::INFINITY)
-            };
-            self.put(
-                l,
-                [curve.ocv_v[k] * series, curve.slope_v[k] * series, 0.0, 0.0],
-            );
-            (self.origin[l], self.rate[l]) = (curve.soc[k], 1.0);
-            (self.from[l], self.to[l]) = (from, to);
-            return;
-        }
-        let k = curve.soc.partition_point(|z| *z <= soc).clamp(1, last) - 1;
-        let h = curve.soc[k + 1] - curve.soc[k];
-        let (m0, m1) = (h * curve.slope_v[k], h * curve.slope_v[k + 1]);
-        let rise = curve.ocv_v[k + 1] - curve.ocv_v[k];
-        let c = [
-            curve.ocv_v[k],
-            m0,
-            3.0 * rise - 2.0 * m0 - m1,
-            m0 + m1 - 2.0 * rise,
-        ];
-        self.put(l, c.map(|c| c * series));
-        (self.origin[l], self.rate[l]) = (curve.soc[k], 1.0 / h);
-        (self.from[l], self.to[l]) = (curve.soc[k], curve.soc[k + 1]);
-    }
-
-    fn put(&mut self, l: usize, c: [f64; 4]) {
-        self.c.iter_mut().zip(c).for_each(|(row, c)| row[l] = c);
+        let end = SimState {
+            soc: self.now.soc[l],
+            v_rc_v: self.now.v.iter().take(branches).map(|v| v[l]).collect(),
+            temperature_degc: None,
+        };
+        self.now.tally.outcome(l, cell, plan, end, None)
     }
 }
 

@@ -23,7 +23,7 @@ pub(super) struct Run {
 
 /// The steps of a profile and their common values.
 #[derive(Debug, Clone)]
-pub(super) struct Plan<'p> {
+pub(in crate::forward) struct Plan<'p> {
     pub(super) demand: Demand,
     pub(super) beyond: Beyond,
     pub(super) start_s: f64,

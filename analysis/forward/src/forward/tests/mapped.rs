@@ -6,7 +6,7 @@ use analysis_model::map::{
 };
 
 /// The thesis' cell as a map, its resistances times `factor` of SOC and node.
-fn map(factor: impl Fn(f64, usize) -> f64, thermal: Option<Thermal>) -> CellMap {
+pub(super) fn map(factor: impl Fn(f64, usize) -> f64, thermal: Option<Thermal>) -> CellMap {
     let (cell, soc) = (thesis_cell(), vec![0.0, 0.5, 1.0]);
     let surface = |r_ohm: f64| Surface {
         activation_j_per_mol: 30e3,

@@ -7,6 +7,7 @@ mod exactness;
 mod held;
 mod law;
 mod mapped;
+mod mapped_steps;
 mod profile;
 mod sensitivity;
 
