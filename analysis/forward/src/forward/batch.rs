@@ -25,9 +25,6 @@ use lanes::Lanes;
 use plan::Plan;
 use rayon::prelude::*;
 
-/// One number per cell.
-type Row<const W: usize> = [f64; W];
-
 /// RC branches of a model without a map at most.
 pub const MAX_BATCH_RC: usize = 8;
 /// Cells in lockstep on one core: enough to hide how long a root takes.

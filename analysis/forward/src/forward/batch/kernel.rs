@@ -3,9 +3,9 @@
 //!
 //! Products and sums are not fused, so that every machine gets the same bits.
 
-use super::Row;
 use super::lanes::{LaneGains, Lanes, Now};
 use super::law::{CLAMPED, CURRENT, LOAD, LaneDemand, TANGENT, current, less};
+use super::ocv_piece::Row;
 use super::plan::Plan;
 use super::tally::Source;
 use crate::forward::law::{Beyond, Demand};

@@ -1,8 +1,7 @@
 //! W cells side by side: everything the inner loop touches, a list of W numbers each.
 
-use super::Row;
 use super::cell::{BatchCell, BatchOutcome};
-use super::ocv_piece::{LaneCurve, OcvPiece};
+use super::ocv_piece::{LaneCurve, OcvPiece, Row};
 use super::plan::Plan;
 use super::tally::Tally;
 use crate::forward::law::Beyond;

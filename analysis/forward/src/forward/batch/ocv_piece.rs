@@ -1,7 +1,9 @@
 //! The cubic piece of an OCV curve in which each lane is.
 
-use super::Row;
 use analysis_model::ocv::OcvCurve;
+
+/// One number per cell.
+pub(super) type Row<const W: usize> = [f64; W];
 
 /// A cubic piece of the OCV at the terminals: c₀ + t(c₁ + t(c₂ + t·c₃)), t = (SOC − origin)·rate.
 #[derive(Debug, Clone, Copy)]

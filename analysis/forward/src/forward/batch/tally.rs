@@ -1,8 +1,8 @@
 //! What a batch keeps of a run.
 
-use super::Row;
 use super::cell::{BatchCell, BatchOutcome};
 use super::law::{less, more};
+use super::ocv_piece::Row;
 use super::plan::Plan;
 use crate::forward::law::Demand;
 use crate::forward::model::SimState;

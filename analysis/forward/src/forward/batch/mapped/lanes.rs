@@ -1,9 +1,8 @@
 //! Cells with maps side by side: everything the inner loop touches.
 
-use super::super::Row;
 use super::super::cell::{BatchCell, BatchOutcome};
 use super::super::law::{BEND, CLAMPED, CURRENT, LOAD, LaneDemand, TANGENT, current};
-use super::super::ocv_piece::LaneCurve;
+use super::super::ocv_piece::{LaneCurve, Row};
 use super::super::plan::Plan;
 use super::super::tally::Tally;
 use super::tables::{ChargeAndWarmth, LaneMap, Piece, Surface};

@@ -4,8 +4,8 @@
 //! A step predicts charge and temperature from the current at its start, takes the resistances there,
 //! moves the branches, and corrects everything by the current at its end: second order in the step.
 
-use super::super::Row;
 use super::super::law::{BEND, CLAMPED, CURRENT, LOAD, TANGENT, less, more};
+use super::super::ocv_piece::Row;
 use super::super::plan::Plan;
 use super::super::tally::Source;
 use super::bend::Bent;

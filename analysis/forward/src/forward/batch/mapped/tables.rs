@@ -6,8 +6,7 @@
 //! node; values are linear between the exact ones at its ends, to (E/(R·T²)·BAND_K)²/8 of themselves:
 //! 1.3·10⁻⁵ for 60 kJ/mol at 0 °C, 4·10⁻⁶ for 35 kJ/mol.
 
-use super::super::Row;
-use super::super::ocv_piece::{LaneCurve, OcvPiece};
+use super::super::ocv_piece::{LaneCurve, OcvPiece, Row};
 use analysis_model::map::{CellMap, ChargeTransfer, MapValues};
 use analysis_model::pack::Pack;
 
