@@ -130,7 +130,9 @@ impl BranchStep {
         let settled = a / (1.0 + s);
         let decay = (-self.ratio * s).exp();
         let most = (0.5 * MOST_BEND).tanh();
-        let away = (0.5 * v / bend_v).tanh() - settled;
+        // What lies beyond the largest bend decays as in a linear branch.
+        let near = (v / bend_v).clamp(-MOST_BEND, MOST_BEND);
+        let away = (0.5 * near).tanh() - settled;
         let bent = 1.0 + 0.5 * a / s * away * (1.0 - decay);
         let ended = (settled + away * decay / bent).clamp(-most, most);
         // The derivatives of the same terms with a.
@@ -142,7 +144,7 @@ impl BranchStep {
         let ended_slope = settled_slope + (away_slope * decay + away * decay_slope) / bent
             - away * decay * bent_slope / (bent * bent);
         BranchEnd {
-            v: bend_v * ((1.0 + ended) / (1.0 - ended)).ln(),
+            v: bend_v * ((1.0 + ended) / (1.0 - ended)).ln() + (v - bend_v * near) * self.decay,
             slope: self.end_share * 2.0 * ended_slope / (1.0 - ended * ended),
         }
     }
@@ -256,5 +258,11 @@ mod tests {
     fn an_extreme_drive_keeps_a_finite_voltage() {
         let end = BranchStep::new(10.0, 0.1).bent_end(0.0, drive(1e6, 1e-9), drive(1e6, 1e-9));
         assert!(end.v.is_finite() && end.slope.is_finite(), "{end:?}");
+        // Far beyond the bend, against the drive, for longer than the branch remembers.
+        let held = drive(-50.0, 0.05);
+        let end = BranchStep::new(10.0, 0.1).bent_end(2.0, held, held);
+        assert!((end.v + 0.05 * 1000.0_f64.asinh()).abs() < 1e-6, "{end:?}");
+        let still = BranchStep::new(0.0, 0.1).bent_end(2.0, held, held);
+        assert!((still.v - 2.0).abs() < 1e-6, "{still:?}");
     }
 }
