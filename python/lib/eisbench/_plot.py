@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Optional
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from ._joint import Pulse
     from ._map import CellMap
     from ._model import Simulation
+    from .motion import Motion
     from ._results import Drt, Fit
 
 #: Colours of Okabe and Ito, which people with colour blindness can distinguish.
@@ -102,6 +104,50 @@ def run(simulation: Simulation, axes: Any) -> Any:
     other.set_ylabel("current / A (discharge +)", color=FITTED)
     axes.grid(alpha=0.3)
     return axes
+
+
+def motion(of: Motion, axes: Any) -> Any:
+    axes = _axes(axes)
+    axes.plot(of.time_s, of.bus_w / 1e3, color=MEASURED)
+    axes.set_xlabel("time / s")
+    axes.set_ylabel("power of the bus / kW", color=MEASURED)
+    for k in range(1, len(of.phase)):
+        if of.phase[k] != of.phase[k - 1]:
+            axes.axvline(of.time_s[k], color="0.7", lw=0.8)
+    other = axes.twinx()
+    other.plot(of.time_s, of.ccv_v, color=FITTED, lw=1)
+    other.set_ylabel("voltage of the bus / V", color=FITTED)
+    axes.set_title(f"{of.goal}, law {of.law}: {of.height_m:.2f} m")
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def moving(of: Motion, path: Any, fps: int, slow: float) -> None:
+    import matplotlib.pyplot as plt
+    from matplotlib.animation import FuncAnimation, PillowWriter
+
+    shapes = of.shapes()
+    # Rising times, of which an interpolation has one value each.
+    kept = np.append(True, np.diff(of.time_s) > 0)
+    now_s = np.linspace(0, of.time_s[-1], max(2, int(fps * slow * of.time_s[-1])))
+    flat = shapes[kept].reshape(int(kept.sum()), -1).T
+    frames = np.array([np.interp(now_s, of.time_s[kept], row) for row in flat])
+    frames = frames.T.reshape(-1, 2, shapes.shape[2])
+    figure, axes = plt.subplots(figsize=(4, 5))
+    axes.set_xlim(shapes[:, 0].min() - 0.3, shapes[:, 0].max() + 0.3)
+    axes.set_ylim(-0.1, shapes[:, 1].max() + 0.2)
+    axes.set_aspect("equal")
+    axes.axhline(0, color="0.5", lw=1)
+    (line,) = axes.plot([], [], "o-", color=MEASURED, lw=3)
+
+    def show(frame: int) -> tuple[Any]:
+        line.set_data(frames[frame, 0], frames[frame, 1])
+        axes.set_title(f"{now_s[frame]:.2f} s")
+        return (line,)
+
+    film = FuncAnimation(figure, show, frames=len(now_s))
+    film.save(os.fspath(path), writer=PillowWriter(fps=fps))
+    plt.close(figure)
 
 
 #: Quantities of an ageing: column, column of its uncertainty, axis, factor of the axis.

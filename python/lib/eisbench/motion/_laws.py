@@ -1,0 +1,240 @@
+"""Packs, and the four laws by which a battery limits a motion."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Optional, cast
+
+from .._eisbench import EisError
+from .._model import Model
+from ._robot import casadi
+
+
+@dataclass(frozen=True)
+class Pack:
+    """``series`` times ``parallel`` equal cells of a model with an open-circuit voltage.
+
+    ``soc`` is the state of charge at the start, from rest; ``ageing`` a factor of all resistances at
+    constant time constants; ``window_v`` the voltages of a cell; ``ambient_degc`` the temperature of the
+    surroundings, and of the cell at the start, for a model with a map.
+    """
+
+    model: Model
+    series: int
+    parallel: int
+    soc: float
+    interconnect_ohm: float = 0.0
+    ageing: float = 1.0
+    window_v: tuple[float, float] = (2.5, 4.2)
+    ambient_degc: float = 25.0
+
+    def __post_init__(self) -> None:
+        for name, value in (("series", self.series), ("parallel", self.parallel)):
+            if value != int(value) or value < 1:
+                raise EisError(f"Pack.{name}: expected a whole number from 1, met {value!r}")
+        if not 0 <= self.soc <= 1:
+            raise EisError(f"Pack.soc: expected 0 to 1, met {self.soc!r}")
+        if not self.interconnect_ohm >= 0:
+            raise EisError(
+                f"Pack.interconnect_ohm: expected 0 or more, met {self.interconnect_ohm!r}"
+            )
+        if not 0 < self.ageing < math.inf:
+            raise EisError(f"Pack.ageing: expected a positive factor, met {self.ageing!r}")
+        if not 0 < self.window_v[0] < self.window_v[1]:
+            raise EisError(f"Pack.window_v: expected two rising voltages, met {self.window_v!r}")
+        if not self.model._model.has_ocv:
+            raise EisError(
+                "Pack.model: expected an open-circuit voltage; add it with Model.with_ocv"
+            )
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return self.series * self.parallel
+
+    @property
+    def aged(self) -> Model:
+        """The model with aged resistances."""
+        if self.ageing == 1.0:
+            return self.model
+        if self.model.additions:
+            met = ", ".join(self.model.additions)
+            raise EisError(f"Pack.ageing: expected 1 for a model with additions, met {met}")
+        whole = json.loads(self.model._model.to_json())
+        scaled = {"name": self.model.name, "ocv": whole["ocv"], **self._plain()}
+        if "map" in whole:
+            scaled["map"] = _scaled(whole["map"], self.ageing)
+        return _read(scaled)
+
+    def _plain(self) -> dict[str, Any]:
+        branches = [(self.ageing * b.r_ohm, b.c_f / self.ageing) for b in self.model.branches]
+        plain = [{"r_ohm": r_ohm, "c_f": c_f} for r_ohm, c_f in branches]
+        return {"r_ohm": self.ageing * self.model.r_ohm, "branches": plain}
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    """The tables of a map with resistances times a factor."""
+    if isinstance(value, dict):
+        out: dict[str, Any] = {}
+        for key, inner in cast("dict[str, Any]", value).items():
+            if key == "r_ohm":
+                out[key] = [[factor * r_ohm for r_ohm in row] for row in inner]
+            elif key == "exchange_current_a":
+                out[key] = inner / factor
+            else:
+                out[key] = _scaled(inner, factor)
+        return out
+    if isinstance(value, list):
+        return [_scaled(inner, factor) for inner in cast("list[Any]", value)]
+    return value
+
+
+def _read(whole: dict[str, Any]) -> Model:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "model.json"
+        file.write_text(json.dumps(whole), encoding="utf-8")
+        return Model.read(file)
+
+
+class Law:
+    """What limits the power: one of :class:`Free`, :class:`PowerLimit`, :class:`SimpleIR` and
+    :class:`Transient`. Without a pack the voltage of the bus is ``bus_v``."""
+
+    name = "law"
+    pack: Optional[Pack] = None
+    bus_v: float = 60.0
+    limit_w: float = math.inf
+
+    def cell(self) -> Optional[Cell]:
+        """The cell of the pack as CasADi functions."""
+        return None
+
+
+class Free(Law):
+    """No law: a bus of constant voltage that gives any power."""
+
+    name = "none"
+
+    def __init__(self, bus_v: float = 60.0) -> None:
+        if not bus_v > 0:
+            raise EisError(
+                f"{type(self).__name__}.bus_v: expected a positive voltage, met {bus_v!r}"
+            )
+        self.bus_v = bus_v
+
+
+class PowerLimit(Free):
+    """A bus of constant voltage that gives at most ``limit_w``."""
+
+    name = "power limit"
+
+    def __init__(self, limit_w: float, bus_v: float = 60.0) -> None:
+        super().__init__(bus_v)
+        if not limit_w > 0:
+            raise EisError(f"PowerLimit.limit_w: expected a positive power, met {limit_w!r}")
+        self.limit_w = limit_w
+
+
+class Transient(Law):
+    """The law of the model: a state per node, both margins of the voltage at every node.
+
+    Beyond ``p0_share`` of the most power that there is the voltage follows its tangent, so that the
+    solver can pass through powers that no cell can give; without ``tangent`` such a power has no
+    voltage.
+    """
+
+    name = "transient"
+
+    def __init__(self, pack: Pack, p0_share: float = 0.95, tangent: bool = True) -> None:
+        if not 0 < p0_share < 1:
+            raise EisError(f"{type(self).__name__}.p0_share: expected 0 to 1, met {p0_share!r}")
+        self.pack, self.p0_share, self.tangent = pack, p0_share, tangent
+
+    def model(self, pack: Pack) -> Model:
+        """The model of a cell that the law takes."""
+        return pack.aged
+
+    def cell(self) -> Cell:
+        assert self.pack is not None
+        names = self.model(self.pack)._module("casadi", window_v=self.pack.window_v)
+        if not self.tangent:
+            names["law_a"] = _root_a
+        return Cell(self.pack, names, self.p0_share)
+
+
+class SimpleIR(Transient):
+    """OCV less one resistance per cell, by default that of the model at zero frequency."""
+
+    name = "simple IR"
+
+    def __init__(
+        self,
+        pack: Pack,
+        r_ohm: Optional[float] = None,
+        p0_share: float = 0.95,
+        tangent: bool = True,
+    ) -> None:
+        super().__init__(pack, p0_share, tangent)
+        if r_ohm is not None and not r_ohm > 0:
+            raise EisError(f"SimpleIR.r_ohm: expected a positive resistance, met {r_ohm!r}")
+        self.r_ohm = r_ohm
+
+    def model(self, pack: Pack) -> Model:
+        whole = json.loads(pack.model._model.to_json())
+        if self.r_ohm is None and "map" in whole:
+            raise EisError("SimpleIR.r_ohm: expected a resistance for a model with a map, met None")
+        r_ohm = pack.ageing * (self.r_ohm or pack.model.dc_resistance_ohm)
+        return _read({"name": pack.model.name, "r_ohm": r_ohm, "branches": [], "ocv": whole["ocv"]})
+
+
+def _root_a(e_v: Any, r_ohm: Any, power_w: Any, p0_share: Any, order: int = 1) -> Any:
+    """The current without the tangent: not a number beyond the most power."""
+    return (e_v - casadi().sqrt(e_v**2 - 4 * r_ohm * power_w)) / (2 * r_ohm)
+
+
+class Cell:
+    """A cell of a pack with its share of the interconnect: ``look`` (state, power) → (share of the voltage of the
+    bus, voltage of the cell), ``advance`` (state, power at the start, power at the end, step) → next state, and the
+    state at ``rest``. Powers are those of the bus, divided over the cells.
+
+    In a step the current goes along a straight line between those of the two powers, for which the branches are
+    exact; the current at the end is corrected twice.
+    """
+
+    def __init__(self, pack: Pack, names: dict[str, Any], p0_share: float) -> None:
+        ca = casadi()
+        share_ohm = pack.interconnect_ohm * pack.parallel / pack.series
+        within = names["source"]
+
+        def source(state: Any, demand: Any) -> tuple[Any, Any]:
+            e_v, r_ohm = within(state, demand)
+            return e_v, r_ohm + share_ohm
+
+        names["source"] = source
+        look, node, moved = names["look"](2), names["node"], names["moved"]
+        rest = [float(value) for value in names["rest"](pack.soc).full().ravel()]
+        more: list[float] = []
+        if names["surroundings"]():
+            rest[1], more = pack.ambient_degc, [pack.ambient_degc]
+        state, start_w, end_w, dt_s = (
+            ca.SX.sym(n, k) for n, k in zip("xpqh", (len(rest), 1, 1, 1))
+        )
+        voltage_v, current_a, *_ = look(state, start_w, p0_share)
+        following = moved(state, current_a, current_a, dt_s, *more)
+        for _ in range(2):
+            end_a = node(following, end_w, p0_share, 2)["current_a"]
+            following = moved(state, current_a, end_a, dt_s, *more)
+        exact_v, *_ = look(state, start_w, 1 - 1e-9)
+        self.rest = rest
+        #: How far a state may go from rest: the temperature by 100 K.
+        self.wide = [100.0 if more and k == 1 else 1.0 for k in range(len(rest))]
+        #: How far the tangent is above the curve.
+        self.above_v = ca.Function("above_v", [state, start_w], [voltage_v - exact_v])
+        self.look = ca.Function(
+            "look", [state, start_w], [voltage_v, voltage_v + share_ohm * current_a]
+        )
+        self.advance = ca.Function("advance", [state, start_w, end_w, dt_s], [following])

@@ -1,0 +1,351 @@
+"""Direct collocation: phases of contact, points, constraints, and their solution by IPOPT."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+from typing import Any, Optional
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._eisbench import EisError
+from ._laws import Cell, Law
+from ._result import Motion
+from ._robot import Robot, casadi, joint_angles
+
+#: Sizes by which the solver's variables are scaled: coordinates, speeds, accelerations, torques as a
+#: share of their limit, forces, powers of a cell, and states of a cell.
+SIZES = {"q": 1.0, "v": 10.0, "a": 300.0, "t": 1.0, "f": 500.0, "p": 100.0, "x": 1.0}
+#: Weight of the squared torques, as shares of their limits and over time, beside the goal.
+EFFORT = 3e-3
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A phase of contact: its intervals, shortest, longest and guessed duration."""
+
+    name: str
+    intervals: int
+    shortest_s: float
+    longest_s: float
+    guess_s: float
+
+    @property
+    def weights(self) -> list[float]:
+        """Weights of the points by which Simpson's rule takes a mean over the phase."""
+        inner = [4.0, 2.0] * self.intervals
+        return [weight / (6 * self.intervals) for weight in (1.0, *inner[:-1], 1.0)]
+
+    @property
+    def locked(self) -> tuple[int, ...]:
+        """Coordinates that the ground holds: those of the toe, and the angle of the foot."""
+        return {"flat": (0, 1, 2), "landing": (0, 1, 2), "toe": (0, 1)}.get(self.name, ())
+
+
+@dataclass
+class Options:
+    """Intervals of each phase, the seed of a random start (none: the built-in one) and the reach of
+    its powers of a cell, and limits and settings of IPOPT."""
+
+    flat: int = 8
+    toe: int = 4
+    flight: int = 6
+    landing: int = 8
+    seed: Optional[int] = None
+    reach_w: float = 100.0
+    max_iterations: int = 500
+    ipopt: dict[str, Any] = field(default_factory=dict[str, Any])
+
+    def __post_init__(self) -> None:
+        for name in ("flat", "toe", "flight", "landing", "max_iterations"):
+            value = getattr(self, name)
+            if value != int(value) or value < 1:
+                raise EisError(f"Options.{name}: expected a whole number from 1, met {value!r}")
+
+
+class Problem:
+    """Variables with bounds, constraints with bounds, and a start."""
+
+    def __init__(self, robot: Robot, law: Law, options: Options, goal: str) -> None:
+        self.ca, self.robot, self.law, self.options, self.goal = casadi(), robot, law, options, goal
+        self.f = robot.functions()
+        self.cell: Optional[Cell] = law.cell()
+        self.rng = None if options.seed is None else np.random.default_rng(options.seed)
+        self.variables: list[Any] = []
+        self.low: list[float] = []
+        self.high: list[float] = []
+        self.start: list[float] = []
+        self.constraints: list[Any] = []
+        self.g_low: list[float] = []
+        self.g_high: list[float] = []
+        self.phases: list[Phase] = []
+        #: Of each phase its duration and the matrices of its points, a column each.
+        self.spans: list[Any] = []
+        self.points: list[dict[str, Any]] = []
+        self.effort: Any = 0
+
+    def variable(
+        self, low: Any, high: Any, start: Any, size: float = 1.0, reach: Optional[float] = None
+    ) -> Any:
+        """A column of variables within bounds. A random start is up to ``reach``, by default ``size``,
+        away from the built-in one; with a reach of 0 it is that."""
+        reach = size if reach is None else reach
+        low, high, start = np.broadcast_arrays(
+            *(np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in (low, high, start))
+        )
+        if self.rng is not None:
+            least, most = np.maximum(low, start - reach), np.minimum(high, start + reach)
+            start = np.asarray(self.rng.uniform(least, most), dtype=np.float64)
+        symbol = self.ca.MX.sym("w", low.size)
+        self.variables.append(symbol)
+        self.low += list(low / size)
+        self.high += list(high / size)
+        self.start += list(np.minimum(np.maximum(start, low), high) / size)
+        return size * symbol
+
+    def require(self, value: Any, low: float = 0.0, high: float = 0.0) -> None:
+        """Adds a constraint, of every element."""
+        value = self.ca.vec(value)
+        self.constraints.append(value)
+        self.g_low += [low] * value.numel()
+        self.g_high += [high] * value.numel()
+
+    def phase(self, phase: Phase, pose_from: Any, pose_to: Any) -> dict[str, Any]:
+        """Adds a phase that begins where the last one ended; gives its points."""
+        ca, robot, first = self.ca, self.robot, not self.phases
+        span = self.variable(phase.shortest_s, phase.longest_s, phase.guess_s, phase.guess_s)
+        points = self._points(phase, pose_from, pose_to)
+        q, v, a, torque, force = (points[key] for key in "qvatf")
+        count, locked = q.shape[1], phase.locked
+        step = span / phase.intervals
+        # In flight the ballistic curve and the angular momentum take the place of the rates of toe and foot.
+        flies = phase.name == "flight"
+        if flies:
+            self._ballistic(q, v, span)
+        moving = [2, 3, 4, 5] if flies else self._unbound(q, phase)
+        free = [3, 4, 5] if flies else [k for k in range(6) if k not in locked]
+        # Hermite and Simpson's rule, with the middle of each interval as a point of its own.
+        begin, middle, end = (slice(k, count - 2 + k, 2) for k in range(3))
+        for value, rate, rows in ((q, v, moving), (v, a, free)):
+            value, rate = value[rows, :], rate[rows, :]
+            mean = (value[:, begin] + value[:, end]) / 2
+            bow = step / 8 * (rate[:, begin] - rate[:, end])
+            self.require(value[:, middle] - mean - bow)
+            inner = rate[:, begin] + 4 * rate[:, middle] + rate[:, end]
+            self.require(value[:, end] - value[:, begin] - step / 6 * inner)
+        self.require(torque[:, middle] - (torque[:, begin] + torque[:, end]) / 2)
+        self.require(self.f["dynamics"].map(count)(q, v, a, torque, force) / 100)
+        angles = joint_angles(q)
+        for k, joint in enumerate(robot.joints):
+            self.require(angles[k, :], joint.low_rad, joint.high_rad)
+            self.require(joint_angles(v)[k, :] / joint.speed_rad_s, -1, 1)
+        if locked:
+            grip = robot.ground_friction * (force[1, :] + force[2, :])
+            self.require(
+                ca.vertcat(grip - force[0, :], grip + force[0, :]) / SIZES["f"], 0, math.inf
+            )
+        if flies:
+            heel = q[1, :] + robot.foot_m * ca.sin(q[2, :])
+            self.require(heel, 0, math.inf)
+        self._power(points, step / 2, first)
+        limits = ca.DM([joint.torque_nm for joint in robot.joints])
+        self.effort += span * ca.dot(ca.sum1((torque / limits) ** 2), ca.DM(phase.weights).T)
+        if not first:
+            self._joined(phase, points)
+        self.phases.append(phase)
+        self.spans.append(span)
+        self.points.append(points)
+        return points
+
+    def _ballistic(self, q: Any, v: Any, span: Any) -> None:
+        ca, count, g = self.ca, q.shape[1], self.robot.gravity_m_s2
+        place, speed, spin = self.f["com"].map(count)(q, v)
+        since_s = span * ca.DM(np.linspace(0, 1, count)[1:]).T
+        drop = ca.DM([0, g / 2])
+        self.require(place[:, 1:] - place[:, 0] - speed[:, 0] @ since_s + drop @ since_s**2)
+        self.require(speed[:, 1:] - speed[:, 0] + 2 * drop @ since_s)
+        self.require(spin[1:] - spin[0])
+
+    def _unbound(self, q: Any, phase: Phase) -> list[int]:
+        """Rows of the coordinates that are not fixed to a number."""
+        if not phase.locked:
+            return list(range(6))
+        return [
+            k for k in range(6) if k not in phase.locked or (k == 0 and phase.name == "landing")
+        ]
+
+    def _points(self, phase: Phase, pose_from: Any, pose_to: Any) -> dict[str, Any]:
+        count = 2 * phase.intervals + 1
+        share = np.linspace(0, 1, count)
+        poses = np.outer(np.asarray(pose_from), 1 - share) + np.outer(np.asarray(pose_to), share)
+        lean = self.robot.trunk_lean_rad
+        high = np.array([20.0, 5.0, 1.2, 1.6, 0.6, lean])
+        low = -np.array([20.0, 0.0, 1.2, 0.6, 2.6, lean])
+        if phase.name == "toe":
+            low[2] = 0.0
+        for k in phase.locked:
+            if k or phase.name != "landing":
+                low[k] = high[k] = 0.0
+        held = np.isin(range(6), phase.locked)
+        fast, hard = np.where(held, 0, 100.0), np.where(held, 0, 1e5)
+        torque = np.array([joint.torque_nm for joint in self.robot.joints])
+        most = {"flight": [0, 0, 0], "toe": [1e4, 1e4, 0]}.get(phase.name, [1e4, 1e4, 1e4])
+        weight = self.robot.mass_kg * self.robot.gravity_m_s2
+        force = np.minimum([0.0, weight / 2, weight / 2], most)
+        points: dict[str, list[Any]] = {key: [] for key in SIZES}
+        for pose in poses.T:
+            points["q"].append(self.variable(low, high, np.clip(pose, low, high), SIZES["q"], 0.3))
+            points["v"].append(self.variable(-fast, fast, np.zeros(6), SIZES["v"]))
+            points["a"].append(self.variable(-hard, hard, np.zeros(6), SIZES["a"]))
+            points["t"].append(torque * self.variable(-np.ones(3), 1, np.zeros(3)))
+            points["f"].append(self.variable([-most[0], 0, 0], most, force, SIZES["f"]))
+            if self.cell is not None:
+                points["p"].append(self.variable(-1e3, 2e3, 10.0, SIZES["p"], self.options.reach_w))
+                rest = np.array(self.cell.rest)
+                wide = np.array(self.cell.wide)
+                points["x"].append(self.variable(rest - wide, rest + wide, rest, reach=0.0))
+        return {key: self.ca.horzcat(*values) for key, values in points.items() if values}
+
+    def _power(self, points: dict[str, Any], step: Any, first: bool) -> None:
+        """Motors, the bus, and the law of the battery at every point."""
+        ca, robot, law, count = self.ca, self.robot, self.law, points["q"].shape[1]
+        _, voltage, motors = self.f["motors"].map(count)(points["v"], points["t"])
+        bus = ca.sum1(motors) + robot.electronics_w
+        points["bus"] = bus
+        if self.cell is None or law.pack is None:
+            points["ccv"] = law.bus_v * ca.MX.ones(1, count)
+            if law.limit_w < math.inf:
+                self.require(bus / 1e3, -math.inf, law.limit_w / 1e3)
+        else:
+            pack, power, state = law.pack, points["p"], points["x"]
+            self.require((power - bus / pack.cells) / SIZES["p"])
+            terminal_v, cell_v = self.cell.look.map(count)(state, power)
+            self.require(cell_v, *pack.window_v)
+            points["ccv"] = pack.series * terminal_v
+            steps = ca.repmat(step, 1, count - 1)
+            advance = self.cell.advance.map(count - 1)
+            following = advance(state[:, :-1], power[:, :-1], power[:, 1:], steps)
+            self.require(state[:, 1:] - following)
+            if first:
+                self.require(state[:, 0] - ca.DM(self.cell.rest))
+        for sign in (1, -1):
+            self.require((ca.repmat(points["ccv"], 3, 1) + sign * voltage) / 10, 0, math.inf)
+
+    def _joined(self, phase: Phase, points: dict[str, Any]) -> None:
+        """The points of two phases at the instant that they share."""
+        last, ca = self.points[-1], self.ca
+        before, after = ({k: m[:, at] for k, m in p.items()} for p, at in ((last, -1), (points, 0)))
+        self.require(after["q"] - before["q"])
+        if "x" in points:
+            self.require(after["x"] - before["x"])
+        if phase.name == "landing":
+            blow = self.variable([-500, 0, 0], 500, [0, 10, 10], 10.0)
+            self.require(self.f["blow"](after["q"], after["v"] - before["v"], blow) / 10)
+            grip = self.robot.ground_friction * (blow[1] + blow[2])
+            self.require(ca.vertcat(grip - blow[0], grip + blow[0]) / 10, 0, math.inf)
+            return
+        self.require(after["v"] - before["v"])
+        self.require((after["t"] - before["t"]) / 10)
+
+    def solve(self, cost: Any) -> Motion:
+        """The motion of least cost.
+
+        Raises EisError with the solver's status if it finds none.
+        """
+        ca = self.ca
+        every = ca.vertcat(*self.variables)
+        problem = {"x": every, "g": ca.vertcat(*self.constraints), "f": cost + EFFORT * self.effort}
+        ipopt = {
+            "print_level": 0,
+            "sb": "yes",
+            "max_iter": self.options.max_iterations,
+            **self.options.ipopt,
+        }
+        settings = {"print_time": False, "error_on_fail": False, "ipopt": ipopt}
+        began = time.perf_counter()
+        solver = ca.nlpsol("motion", "ipopt", problem, settings)
+        built = time.perf_counter()
+        found = solver(x0=self.start, lbx=self.low, ubx=self.high, lbg=self.g_low, ubg=self.g_high)
+        ended = time.perf_counter()
+        status = solver.stats()
+        if not status["success"]:
+            hint = "ask for less, relax a limit, use a finer mesh (Options) or another start (Options.seed)"
+            after = f"after {status['iter_count']} iterations"
+            raise EisError(f"{self.goal}: not solved, {status['return_status']} {after}; {hint}")
+        values = ca.Function("values", [every], self._outputs())(found["x"])
+        arrays = [np.atleast_2d(np.asarray(value)) for value in values]
+        return self._motion(arrays, status, ended - built, built - began)
+
+    def _outputs(self) -> list[Any]:
+        ca = self.ca
+        names = (
+            "q",
+            "v",
+            "a",
+            "t",
+            "f",
+            "bus",
+            "ccv",
+            *(("p", "x") if self.cell is not None else ()),
+        )
+        spans = [ca.horzcat(*self.spans)]
+        return [*spans, *(ca.horzcat(*(points[name] for points in self.points)) for name in names)]
+
+    def _motion(
+        self, arrays: list[NDArray[np.float64]], status: Any, solve_s: float, build_s: float
+    ) -> Motion:
+        spans, *columns = arrays
+        names = ("q", "v", "a", "torque", "force", "bus", "ccv", "power", "state")
+        at = dict(zip(names, columns))
+        times: list[NDArray[np.float64]] = []
+        phases: list[str] = []
+        for phase, span in zip(self.phases, spans.ravel()):
+            now_s = float(times[-1][-1]) if times else 0.0
+            times.append(now_s + np.linspace(0, span, 2 * phase.intervals + 1))
+            phases += [phase.name] * times[-1].size
+        count = at["q"].shape[1]
+        motors = self.f["motors"].map(count)(at["v"], at["torque"])
+        current_a, _, motor_w = (np.asarray(value) for value in motors)
+        centre_m, centre_m_s, _ = (
+            np.asarray(value) for value in self.f["com"].map(count)(at["q"], at["v"])
+        )
+        pack = self.law.pack
+        margin_low_v = margin_high_v = np.full(count, np.nan)
+        if self.cell is not None and pack is not None:
+            cell_v = np.asarray(self.cell.look.map(count)(at["state"], at["power"])[1]).ravel()
+            above_v = np.max(np.asarray(self.cell.above_v.map(count)(at["state"], at["power"])))
+            if above_v > 1e-3:
+                met = f"a voltage {1e3 * above_v:.0f} mV above the curve"
+                raise EisError(f"{self.goal}: expected powers up to P₀, met {met}; raise p0_share")
+            margin_low_v, margin_high_v = cell_v - pack.window_v[0], pack.window_v[1] - cell_v
+        bus_w, ccv_v = at["bus"].ravel(), at["ccv"].ravel()
+        joint_w = self.robot.legs * at["torque"] * np.asarray(joint_angles(self.ca.DM(at["v"])))
+        return Motion(
+            goal=self.goal,
+            law=self.law.name,
+            robot=self.robot,
+            time_s=np.concatenate(times),
+            phase=phases,
+            q=at["q"].T,
+            v=at["v"].T,
+            a=at["a"].T,
+            torque_nm=at["torque"].T,
+            force_n=at["force"].T,
+            com_m=centre_m.T,
+            com_m_s=centre_m_s.T,
+            joint_w=joint_w.T,
+            motor_a=current_a.T,
+            motor_w=motor_w.T,
+            bus_w=bus_w,
+            current_a=bus_w / ccv_v,
+            ccv_v=ccv_v,
+            margin_low_v=margin_low_v,
+            margin_high_v=margin_high_v,
+            state=at["state"].T if "state" in at else np.zeros((count, 0)),
+            status=str(status["return_status"]),
+            iterations=int(status["iter_count"]),
+            solve_s=solve_s,
+            build_s=build_s,
+        )

@@ -1,0 +1,300 @@
+"""Planned motions: mechanics, limits, laws, and the planned voltage against the simulation. Meshes are coarse."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eisbench as eb
+
+pytest.importorskip("casadi")
+
+from eisbench import motion
+
+CELL = Path(__file__).parents[2] / "fixtures/data/cells/p45b_25C"
+COARSE = motion.Options(flat=4, toe=2, flight=3, landing=4)
+ROBOT = motion.Robot()
+
+
+@pytest.fixture(scope="module")
+def model():
+    return eb.Model.read(CELL / "model_4rc.json").with_ocv(eb.Ocv.read(CELL / "ocv.json"))
+
+
+@pytest.fixture(scope="module")
+def pack(model):
+    return motion.Pack(model, series=16, parallel=3, soc=0.2, interconnect_ohm=0.03)
+
+
+@pytest.fixture(scope="module")
+def free():
+    return motion.jump(ROBOT, motion.Free(54.9), COARSE)
+
+
+@pytest.fixture(scope="module")
+def planned(pack):
+    return motion.jump(ROBOT, motion.Transient(pack), COARSE)
+
+
+def rows(found, *phases):
+    return np.flatnonzero(np.isin(found.phase, phases))
+
+
+def test_the_centre_of_mass_flies_ballistically(planned):
+    air = rows(planned, "flight")
+    since_s = planned.time_s[air] - planned.time_s[air[0]]
+    start, speed = planned.com_m[air[0]], planned.com_m_s[air[0]]
+    fallen = np.outer(since_s**2, [0, -ROBOT.gravity_m_s2 / 2])
+    assert np.abs(planned.com_m[air] - start - np.outer(since_s, speed) - fallen).max() < 1e-3
+    # Energy at take-off is that of the highest point.
+    assert planned.height_m > 0.5
+    rise_m = planned.height_m + ROBOT.standing_m - start[1]
+    assert abs(speed[1] ** 2 / 2 - ROBOT.gravity_m_s2 * rise_m) < 1e-6
+
+
+def between(found):
+    """Largest residual force of the motion between its points in the stance, where the solver saw none, N."""
+    dynamics, worst = ROBOT.functions()["dynamics"], 0.0
+    stance = rows(found, "flat")
+    for at in stance[:-2:2]:
+        h = found.time_s[at + 2] - found.time_s[at]
+        for s in (0.25, 0.75):
+            weights = [(1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1)]
+            a, torque, force = (
+                sum(w * column[at + k] for k, w in enumerate(weights))
+                for column in (found.a, found.torque_nm, found.force_n)
+            )
+            q, v = (hermite(x, d, at, h, s) for x, d in ((found.q, found.v), (found.v, found.a)))
+            worst = max(worst, np.abs(np.asarray(dynamics(q, v, a, torque, force))).max())
+    return worst
+
+
+def hermite(x, d, at, h, s):
+    ends = [
+        (1 + 2 * s) * (1 - s) ** 2,
+        s * (1 - s) ** 2 * h,
+        s**2 * (3 - 2 * s),
+        s**2 * (s - 1) * h,
+    ]
+    return ends[0] * x[at] + ends[1] * d[at] + ends[2] * x[at + 2] + ends[3] * d[at + 2]
+
+
+def test_dynamics_between_the_points_converge_with_the_mesh():
+    # A height that is easy, so that torques have no jumps.
+    law = motion.Free()
+    coarse, fine = (
+        motion.jump_to(ROBOT, law, 0.2, motion.Options(flat=k, toe=k // 2, flight=4))
+        for k in (8, 24)
+    )
+    print(f"{between(coarse):.1f} N, {between(fine):.1f} N")
+    assert between(fine) < between(coarse) / 2
+    # At the points the equations hold.
+    dynamics = ROBOT.functions()["dynamics"]
+    for at in range(len(fine.phase)):
+        residual = dynamics(
+            fine.q[at], fine.v[at], fine.a[at], fine.torque_nm[at], fine.force_n[at]
+        )
+        assert np.abs(np.asarray(residual)).max() < 1e-3
+
+
+def test_work_of_the_joints_is_the_energy_of_the_robot():
+    fine = motion.jump(ROBOT, motion.Free(), motion.Options(flat=12, toe=6, flight=3))
+    stance = slice(0, fine.take_off)
+    power_w = fine.joint_w[stance].sum(axis=1)
+    work_j = np.sum(np.diff(fine.time_s[stance]) * (power_w[1:] + power_w[:-1]) / 2)
+    # Kinetic energy from the mass matrix, whose columns are residuals of unit accelerations.
+    dynamics, at = ROBOT.functions()["dynamics"], fine.take_off
+    zero = np.zeros(6), np.zeros(6), np.zeros(3), np.zeros(3)
+    rest = np.asarray(dynamics(fine.q[at], *zero)).ravel()
+    unit = [
+        np.asarray(dynamics(fine.q[at], zero[0], e, *zero[2:])).ravel() - rest for e in np.eye(6)
+    ]
+    kinetic_j = fine.v[at] @ np.array(unit) @ fine.v[at] / 2
+    weight_n = ROBOT.mass_kg * ROBOT.gravity_m_s2
+    gained_j = kinetic_j + weight_n * (fine.com_m[at, 1] - fine.com_m[0, 1])
+    print(f"{work_j:.1f} J, {gained_j:.1f} J")
+    assert abs(work_j - gained_j) < 0.01 * gained_j
+
+
+@pytest.mark.parametrize("which", ["free", "planned"])
+def test_limits_hold_at_every_point(which, request):
+    found = request.getfixturevalue(which)
+    table, small = found.table(), 1e-6
+    for k, (name, joint) in enumerate(zip(motion.JOINTS, ROBOT.joints)):
+        assert np.abs(found.torque_nm[:, k]).max() <= joint.torque_nm + small
+        assert np.abs(table[f"{name}_rad_s"]).max() <= joint.speed_rad_s + 1e-4
+        angle = table[f"{name}_rad"]
+        assert angle.min() >= joint.low_rad - small and angle.max() <= joint.high_rad + small
+        speed = table[f"{name}_rad_s"]
+        motor_v = joint.r_ohm * found.motor_a[:, k] + joint.k_nm_per_a * joint.gear * speed
+        assert (np.abs(motor_v) <= found.ccv_v + 1e-4).all()
+    up_n = found.force_n[:, 1] + found.force_n[:, 2]
+    assert (np.abs(found.force_n[:, 0]) <= ROBOT.ground_friction * up_n + 1e-3).all()
+    assert (found.force_n[:, 1:] >= -1e-3).all() and not found.force_n[rows(found, "flight")].any()
+    heel_m = found.q[:, 1] + ROBOT.foot_m * np.sin(found.q[:, 2])
+    assert found.q[:, 1].min() > -small and heel_m.min() > -small
+    if which == "planned":
+        assert found.margin_low_v.min() >= -small and found.margin_high_v.min() >= -small
+    # The motors bind somewhere, else nothing limits the jump.
+    shares = np.abs(found.torque_nm) / [joint.torque_nm for joint in ROBOT.joints]
+    assert shares.max() > 0.99
+
+
+def test_power_of_the_bus_is_that_of_motors_and_electronics(planned):
+    total_w = planned.motor_w.sum(axis=1) + ROBOT.electronics_w
+    assert np.abs(planned.bus_w - total_w).max() < 1e-6
+    # Motors take what the joints give, the copper loses and friction takes.
+    joints = ROBOT.joints
+    copper_w = 2 * planned.motor_a**2 * [joint.r_ohm for joint in joints]
+    speeds = np.array([planned.table()[f"{name}_rad_s"] for name in motion.JOINTS]).T
+    viscous_w = 2 * speeds**2 * [joint.damping_nm_s for joint in joints]
+    lost_w = planned.motor_w - planned.joint_w - copper_w - viscous_w
+    assert (lost_w > -1e-6).all()
+    assert (lost_w <= 2 * np.abs(speeds) * [joint.friction_nm for joint in joints] + 1e-6).all()
+    assert np.abs(planned.current_a * planned.ccv_v - planned.bus_w).max() < 1e-6
+
+
+def test_no_law_jumps_highest(free, planned, pack):
+    simple = motion.jump(ROBOT, motion.SimpleIR(pack), COARSE)
+    limited = motion.jump(ROBOT, motion.PowerLimit(2e3, 54.9), COARSE)
+    heights_m = [found.height_m for found in (free, planned, simple, limited)]
+    print(heights_m)
+    assert heights_m[0] > planned.height_m > simple.height_m and heights_m[0] > limited.height_m
+    assert limited.bus_w.max() < 2e3 + 1e-3 and free.bus_w.max() > 2e3
+
+
+def test_the_simulation_of_the_profile_has_the_planned_voltage(planned, pack, tmp_path):
+    planned.write_profile(tmp_path / "jump.csv")
+    time_s, power_w = np.loadtxt(tmp_path / "jump.csv", delimiter=",", skiprows=1).T
+    assert (np.diff(time_s) > 0).all()
+    size = {"series": 16, "parallel": 3, "interconnect_ohm": 0.03}
+    run = pack.model.simulate(time_s, power_w=power_w, soc=0.2, linear=True, **size)
+    apart_v = np.abs(np.interp(planned.time_s, run.time_s, run.ccv_v) - planned.ccv_v).max()
+    print(f"{1e3 * apart_v:.1f} mV of {planned.ccv_v.min():.2f} V")
+    assert apart_v < 0.05
+    assert abs(run.summary["margin_low_v"] - planned.margin_low_v.min()) < 0.005
+
+
+def test_the_program_reads_the_profile(planned, program, tmp_path):
+    planned.write_profile(tmp_path / "jump.csv")
+    cell = ["--model", CELL / "model_4rc.json", "--ocv", CELL / "ocv.json", "--soc", "0.2"]
+    size = [
+        "--series",
+        16,
+        "--parallel",
+        3,
+        "--interconnect-ohm",
+        0.03,
+        "--interpolation",
+        "linear",
+    ]
+    told = program("simulate", *cell, *size, "--profile", tmp_path / "jump.csv", "--json")
+    run = json.loads(told)
+    assert abs(run["min_ccv_v"] - planned.ccv_v.min()) < 0.05
+
+
+def test_the_tangent_lets_a_start_beyond_the_most_power_solve(pack):
+    start = replace(COARSE, seed=4, reach_w=1000.0)
+    found = motion.jump(ROBOT, motion.Transient(pack), start)
+    assert found.height_m > 0.5
+    with pytest.raises(eb.EisError, match="jump: not solved, Invalid_Number_Detected"):
+        motion.jump(ROBOT, motion.Transient(pack, tangent=False), start)
+    # Within the reach of the cell it solves without the tangent too.
+    start = replace(COARSE, seed=4)
+    assert motion.jump(ROBOT, motion.Transient(pack, tangent=False), start).height_m > 0.5
+
+
+def test_a_weak_pack_limits_by_its_voltage(model):
+    weak = motion.Pack(model, series=16, parallel=1, soc=0.1, ageing=1.5)
+    found = motion.jump(ROBOT, motion.Transient(weak), COARSE)
+    assert -1e-6 < found.margin_low_v.min() < 1e-3
+    new = motion.jump(ROBOT, motion.Transient(replace(weak, ageing=1.0)), COARSE)
+    assert new.height_m > found.height_m + 0.01
+
+
+def test_a_height_is_reached_and_a_gap_is_crossed(pack):
+    law = motion.Transient(pack)
+    up = motion.jump_to(ROBOT, law, 0.3, COARSE)
+    assert abs(up.height_m - 0.3) < 1e-6
+    over = motion.gap(ROBOT, law, 0.5, COARSE)
+    land = rows(over, "landing")
+    heel_m = over.q[land, 0] - ROBOT.foot_m
+    assert np.abs(heel_m - 0.5).max() < 1e-6 and np.abs(over.v[-1]).max() < 1e-6
+    assert np.abs(over.q[-1, 2:] - over.q[0, 2:]).max() < 1e-6
+    # The landing takes energy from the robot, never adds some.
+    at = land[0]
+    assert over.com_m_s[at - 1, 1] < 0 and over.energy_j > 0
+
+
+def test_a_map_at_its_temperature(tmp_path):
+    def surface(ohm):
+        ohms = [[ohm * cold * z for z in (2.0, 1.0, 1.2)] for cold in (2.0, 1.0)]
+        return {"activation_j_per_mol": 25e3, "r_ohm": ohms}
+
+    tables = {
+        "soc": [0.1, 0.5, 1.0],
+        "temperature_degc": [0.0, 25.0],
+        "series": surface(7e-3),
+        "branches": [{"tau_s": 6e-3, "resistance": surface(3e-3)}],
+        "ocv_offset_v": [0.0, 0.0, 0.0],
+        "ocv_v_per_k": [0.0, 0.0, 0.0],
+        "ocv_temperature_degc": 25.0,
+        "thermal": {"capacity_j_per_k": 60.0, "resistance_k_per_w": 6.0},
+    }
+    ocv = {"capacity_ah": 4.5, "soc": [0, 0.5, 1], "ocv_v": [3, 3.7, 4.2], "slope_v": [2, 1.1, 1]}
+    file = tmp_path / "map.json"
+    file.write_text(
+        json.dumps({"name": "map", "r_ohm": 7e-3, "branches": [], "map": tables, "ocv": ocv})
+    )
+    pack = motion.Pack(eb.Model.read(file), series=16, parallel=3, soc=0.3)
+    lowest_v = []
+    for change in ({}, {"ambient_degc": 5.0}, {"ageing": 1.5}):
+        found = motion.jump_to(ROBOT, motion.Transient(replace(pack, **change)), 0.2, COARSE)
+        assert abs(found.state[0, 1] - change.get("ambient_degc", 25.0)) < 1e-6
+        lowest_v.append(found.ccv_v.min())
+    assert lowest_v[0] > lowest_v[1] and lowest_v[0] > lowest_v[2]
+    with pytest.raises(
+        eb.EisError, match="SimpleIR.r_ohm: expected a resistance for a model with a map"
+    ):
+        motion.jump(ROBOT, motion.SimpleIR(pack), COARSE)
+
+
+def test_pictures_and_table(planned, tmp_path):
+    pytest.importorskip("matplotlib").use("Agg")
+    assert planned.plot().get_ylabel() == "power of the bus / kW"
+    planned.animate(tmp_path / "jump.gif", fps=5)
+    assert (tmp_path / "jump.gif").read_bytes()[:3] == b"GIF"
+    table = planned.table()
+    assert table.rows == len(planned.time_s) and "knee_motor_w" in table
+    assert "law transient" in str(planned)
+
+
+def test_what_cannot_be_names_the_parameter(model, pack):
+    with pytest.raises(eb.EisError, match="Link.mass_kg: expected a positive number, met -1"):
+        motion.Link(-1, 0.1, 0.1, 0.1)
+    with pytest.raises(
+        eb.EisError, match="Robot.ground_friction: expected a positive number, met 0"
+    ):
+        motion.Robot(ground_friction=0)
+    with pytest.raises(eb.EisError, match="Joint.low_rad: expected less than high_rad"):
+        replace(ROBOT.knee, low_rad=3.0)
+    with pytest.raises(eb.EisError, match="Pack.model: expected an open-circuit voltage"):
+        motion.Pack(eb.Model(0.01), 16, 3, 0.5)
+    with pytest.raises(eb.EisError, match="Pack.soc: expected 0 to 1, met 1.2"):
+        replace(pack, soc=1.2)
+    with pytest.raises(eb.EisError, match="Pack.series: expected a whole number from 1, met 0"):
+        replace(pack, series=0)
+    with pytest.raises(
+        eb.EisError, match="law: expected Free, PowerLimit, SimpleIR or Transient, met 'x'"
+    ):
+        motion.jump(ROBOT, "x")
+    with pytest.raises(eb.EisError, match="PowerLimit.limit_w: expected a positive power, met -5"):
+        motion.PowerLimit(-5)
+    with pytest.raises(eb.EisError, match="gap: length_m: expected a positive length"):
+        motion.gap(ROBOT, motion.Free(), 0)
+    with pytest.raises(eb.EisError, match="Options.flat: expected a whole number from 1"):
+        motion.Options(flat=0)
+    with pytest.raises(eb.EisError, match="jump_to 9 m: not solved, .* iterations; ask for less"):
+        motion.jump_to(ROBOT, motion.Free(), 9, replace(COARSE, max_iterations=60))
