@@ -198,7 +198,7 @@ def _root_a(e_v: Any, r_ohm: Any, power_w: Any, p0_share: Any, order: int = 1) -
 
 class Cell:
     """A cell of a pack with its share of the interconnect: ``look`` (state, power) → (share of the voltage of the
-    bus, voltage of the cell), ``advance`` (state, power at the start, power at the end, step) → next state, and the
+    bus, voltage of the cell, power as a share of the most that there is), ``advance`` (state, power at the start, power at the end, step) → next state, and the
     state at ``rest``. Powers are those of the bus, divided over the cells.
 
     In a step the current goes along a straight line between those of the two powers, for which the branches are
@@ -228,13 +228,11 @@ class Cell:
         for _ in range(2):
             end_a = node(following, end_w, p0_share, 2)["current_a"]
             following = moved(state, current_a, end_a, dt_s, *more)
-        exact_v, *_ = look(state, start_w, 1 - 1e-9)
+        e_v, r_ohm = source(state, start_w)
         self.rest = rest
         #: How far a state may go from rest: the temperature by 100 K.
         self.wide = [100.0 if more and k == 1 else 1.0 for k in range(len(rest))]
-        #: How far the tangent is above the curve.
-        self.above_v = ca.Function("above_v", [state, start_w], [voltage_v - exact_v])
-        self.look = ca.Function(
-            "look", [state, start_w], [voltage_v, voltage_v + share_ohm * current_a]
-        )
+        shown = [voltage_v, voltage_v + share_ohm * current_a, 4 * r_ohm * start_w / e_v**2]
+        self.p0_share = p0_share
+        self.look = ca.Function("look", [state, start_w], shown)
         self.advance = ca.Function("advance", [state, start_w, end_w, dt_s], [following])

@@ -16,7 +16,7 @@ SIGNS = (1, -1, 1)
 
 def casadi() -> Any:
     """CasADi, whose wheel contains IPOPT."""
-    return optional("casadi", "casadi")
+    return optional("casadi", "'eisbench[motion]'")
 
 
 def positive(owner: object, *zero: str) -> None:
