@@ -298,3 +298,14 @@ def test_what_cannot_be_names_the_parameter(model, pack):
         motion.Options(flat=0)
     with pytest.raises(eb.EisError, match="jump_to 9 m: not solved, .* iterations; ask for less"):
         motion.jump_to(ROBOT, motion.Free(), 9, replace(COARSE, max_iterations=60))
+
+
+def test_the_example_of_the_page_plans_a_jump(tmp_path, monkeypatch, capsys):
+    root = Path(__file__).parents[2]
+    text = (root / "docs/motion.md").read_text()
+    example = text.split("```python\n")[1].split("```")[0]
+    assert len(example.splitlines()) <= 30
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fixtures").symlink_to(root / "fixtures")
+    exec(example, {})
+    assert float(capsys.readouterr().out) > 0.5 and (tmp_path / "jump.csv").exists()

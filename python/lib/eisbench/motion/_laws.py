@@ -197,12 +197,12 @@ def _root_a(e_v: Any, r_ohm: Any, power_w: Any, p0_share: Any, order: int = 1) -
 
 
 class Cell:
-    """A cell of a pack with its share of the interconnect: ``look`` (state, power) → (share of the voltage of the
-    bus, voltage of the cell, power as a share of the most that there is), ``advance`` (state, power at the start, power at the end, step) → next state, and the
-    state at ``rest``. Powers are those of the bus, divided over the cells.
+    """A cell of a pack with its share of the interconnect, for powers of the bus divided over the cells.
 
-    In a step the current goes along a straight line between those of the two powers, for which the branches are
-    exact; the current at the end is corrected twice.
+    ``look`` (state, power) → (share of the voltage of the bus, voltage of the cell, power as a share
+    of the most that there is); ``advance`` (state, power at the start, power at the end, step) → next
+    state. In a step the current goes along a straight line between those of the two powers, for which
+    the branches are exact; the current at the end is corrected twice.
     """
 
     def __init__(self, pack: Pack, names: dict[str, Any], p0_share: float) -> None:
