@@ -22,6 +22,7 @@ CELL = Path(__file__).parents[2] / "fixtures/data/cells/p45b_25C"
 def main():
     words = argparse.ArgumentParser()
     words.add_argument("--starts", type=int, default=50)
+    words.add_argument("--first", type=int, default=0, help="first seed")
     words.add_argument("--soc", type=float, default=0.2)
     words.add_argument("--reach-w", type=float, nargs="*", default=[100.0, 1000.0])
     words.add_argument("--mesh", type=int, nargs=3, default=[4, 2, 3])
@@ -34,7 +35,7 @@ def main():
     for reach_w in asked.reach_w:
         for tangent in asked.tangent:
             solved, heights_m, ends = [], [], {}
-            for seed in range(asked.starts):
+            for seed in range(asked.first, asked.first + asked.starts):
                 law = motion.Transient(pack, tangent=tangent == "with")
                 began_s = time.process_time()
                 try:
@@ -48,7 +49,7 @@ def main():
                     print(seed, end, file=sys.stderr, flush=True)
                     continue
                 solved.append((time.process_time() - began_s, found.iterations))
-                print(seed, found, file=sys.stderr, flush=True)
+                print(seed, *solved[-1], found, file=sys.stderr, flush=True)
                 heights_m.append(found.height_m)
             print(
                 f"powers of a cell up to {reach_w:g} W, {tangent} tangent: {len(solved)} of {asked.starts}, {ends}"
