@@ -448,8 +448,8 @@ def _run_row(run: dict[str, Any]) -> dict[str, Any]:
         told = [str(cell[name]) for cell in cells if cell.get(name) is not None]
         row[_OF_CELLS.get(name, name)] = "; ".join(told) or None
     row["damage"] = "; ".join(row["damage"]) or None
-    for name, value in (row.pop("map", None) or {}).items():
-        row[f"map_{name}"] = value
+    fitted: dict[str, Any] = row.pop("map", None) or {}
+    row.update({f"map_{name}": value for name, value in fitted.items()})
     if "tags" in row:
         row["tags"] = "; ".join(row["tags"])
     return row
