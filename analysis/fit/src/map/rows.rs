@@ -31,6 +31,7 @@ impl Design {
         // currents of the slow branches by surface node.
         let mut per_ohm_a = vec![0.0; fast];
         let mut filtered = vec![0.0; per_surface * (self.taus_s.len() - fast)];
+        let (fast_s, slow_s) = self.taus_s.split_at(fast);
         let every = log.every();
         let samples = &log.samples;
         let current_a = log.lagged_a(lag_s);
@@ -51,15 +52,13 @@ impl Design {
                 filtered.fill(0.0);
             } else {
                 let step_s = samples.time_s[k] - samples.time_s[k - 1];
-                let steps = self
-                    .taus_s
-                    .iter()
-                    .map(|tau_s| BranchStep::new(step_s, *tau_s));
-                for (a, step) in per_ohm_a.iter_mut().zip(steps.clone()) {
+                for (a, tau_s) in per_ohm_a.iter_mut().zip(fast_s) {
+                    let step = BranchStep::new(step_s, *tau_s);
                     *a = step.bent_end(*a, before.0, drive).v;
                 }
                 let parts = filtered.chunks_exact_mut(per_surface);
-                for (states, step) in parts.zip(steps.skip(fast)) {
+                for (states, tau_s) in parts.zip(slow_s) {
+                    let step = BranchStep::new(step_s, *tau_s);
                     advance(states, self.soc.len(), step, [before.1, driven.1]);
                 }
             }
