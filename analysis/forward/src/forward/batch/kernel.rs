@@ -263,15 +263,26 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
             outside |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
             now.e[l] += ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - begin.open[l];
         }
-        let source = |e_v: f64, current_a: f64| Source {
-            e_v,
-            current_a,
-            r_ohm: lanes.r[l],
-            interconnect_ohm: lanes.interconnect[l],
-        };
-        now.tally.add(l, g.step_s, source(e0, i0), source(e1, i1));
+        let (start, end) = (source(lanes, l, e0, i0), source(lanes, l, e1, i1));
+        now.tally.add(l, g.step_s, start, end);
     }
     outside
+}
+
+/// Returns a lane at an instant, from its E, V, and its current, A.
+#[inline(always)]
+fn source<const W: usize, const N: usize>(
+    lanes: &Lanes<'_, W, N>,
+    l: usize,
+    e_v: f64,
+    current_a: f64,
+) -> Source {
+    Source {
+        e_v,
+        current_a,
+        r_ohm: lanes.r[l],
+        interconnect_ohm: lanes.interconnect[l],
+    }
 }
 
 /// Returns the sum of the branch voltages that remains at the end of the step, V.
@@ -323,13 +334,8 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
             outside |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
         }
         now.e[l] = ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - rest - g.ends[l] * i1;
-        let source = |e_v: f64, current_a: f64| Source {
-            e_v,
-            current_a,
-            r_ohm: lanes.r[l],
-            interconnect_ohm: lanes.interconnect[l],
-        };
-        now.tally.add(l, g.step_s, source(e0, i0), source(e1, i1));
+        let (start, end) = (source(lanes, l, e0, i0), source(lanes, l, e1, i1));
+        now.tally.add(l, g.step_s, start, end);
         let t = &mut now.tally;
         t.infeasible[l] = less(
             t.infeasible[l],
