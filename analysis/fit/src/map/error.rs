@@ -4,10 +4,10 @@
 //! whose resistances and corrections of the OCV are fitted to everything else: the equations lose its
 //! rows and are solved again. Activation energies, exchange current and lag stay those of all data.
 
-use super::design::Design;
 use super::log::Log;
 use super::score::{LEAST_SOC, LogErrors, residuals};
-use super::solve::{Kinetics, Normal, Solved};
+use super::solution::Solution;
+use super::solve::Normal;
 use super::train::{CORRELATION_S, ERROR_V, SOC_ERROR, Train};
 use crate::drt::nonnegative;
 use analysis_model::{
@@ -51,13 +51,8 @@ fn counted(log: &Log, every: usize) -> impl Iterator<Item = (usize, f64)> {
 
 /// Predicts each fitted log piece by piece, from everything else: measured less predicted voltage, V,
 /// at each sample; not a number in a piece without which the equations have no solution.
-pub(super) fn predict_left_out(
-    design: &Design,
-    train: &Train,
-    kinetics: Kinetics,
-    all: &Normal,
-    solved: &Solved,
-) -> Vec<Vec<f64>> {
+pub(super) fn predict_left_out(all: &Solution, train: &Train) -> Vec<Vec<f64>> {
+    let (design, kinetics) = (&all.design, all.kinetics);
     let of_log = |log: &&Log| {
         let per_piece = log.rows().div_ceil(PIECES);
         let mut pieces = vec![Normal::new(design.count()); log.rows().div_ceil(per_piece)];
@@ -75,9 +70,9 @@ pub(super) fn predict_left_out(
         let samples = per_piece * log.every();
         let mut errors_v = vec![f64::NAN; log.len()];
         for (own, part) in pieces.iter().zip(errors_v.chunks_mut(samples).enumerate()) {
-            let mut others = all.clone();
+            let mut others = all.equations.clone();
             others.remove(own);
-            let Ok(without) = others.solve(design.resistances(), Some(solved)) else {
+            let Ok(without) = others.solve(design.resistances(), Some(&all.solved)) else {
                 continue;
             };
             let of_whole = residuals(&design.map(kinetics, &without), log, train.lag_s);
@@ -87,6 +82,18 @@ pub(super) fn predict_left_out(
         errors_v
     };
     train.logs.iter().map(of_log).collect()
+}
+
+/// Root of the mean squared error above SOC 0.1, V, each sample counted by the time that it stands for.
+pub(super) fn rms_v(logs: &[&Log], errors_v: &[Vec<f64>]) -> f64 {
+    let (mut square, mut all_s) = (0.0, 0.0);
+    for (log, errors_v) in logs.iter().zip(errors_v) {
+        for (k, stands_s) in counted(log, 1).filter(|(k, _)| errors_v[*k].is_finite()) {
+            square += stands_s * errors_v[k].powi(2);
+            all_s += stands_s;
+        }
+    }
+    (square / f64::max(all_s, f64::MIN_POSITIVE)).sqrt()
 }
 
 /// Writes the error into the map, and how much of each log lies in the band that the others show.

@@ -2,9 +2,10 @@ use super::design::Design;
 use super::error::*;
 use super::log::Log;
 use super::score::residuals;
+use super::solution::Solution;
 use super::solve::START;
 use super::tests::{curve, log, of_logs, options};
-use super::train::{Scales, Train};
+use super::train::Train;
 use super::{MapLog, fit_map};
 use analysis_model::map::{ErrorSource, VoltageError};
 use analysis_signal::series::Role;
@@ -63,22 +64,16 @@ fn the_error_of_one_held_out_log_covers_another() {
 /// Predicted voltages in the last piece of a log: without that piece, and with it.
 fn last_piece(log: &MapLog) -> [Vec<f64>; 2] {
     let (log, ocv) = (Log::new(log, &curve()).unwrap(), curve());
-    let train = Train {
-        logs: vec![&log],
-        sweeps: Vec::new(),
-        lag_s: 0.0,
-        scales: Scales::default(),
-        ocv: &ocv,
-    };
+    let logs = [log];
+    let (log, train) = (&logs[0], Train::new(&logs, &[], &ocv));
     let design = Design::new(&train, &[], &options()).unwrap();
-    let all = design.equations(&train, START);
-    let solved = all.solve(design.resistances(), None).unwrap();
-    let without = predict_left_out(&design, &train, START, &all, &solved).remove(0);
-    let with = residuals(&design.map(START, &solved), &log, 0.0);
+    let all = Solution::new(design, &train, START).unwrap();
+    let without = predict_left_out(&all, &train).remove(0);
+    let with = residuals(&all.map(), log, 0.0);
     let voltage_v = &log.samples.voltage_v;
     [without, with].map(|errors_v| {
         let all = voltage_v.iter().zip(&errors_v).map(|(v, e)| v - e);
-        all.skip(last_piece_begins(&log)).collect()
+        all.skip(last_piece_begins(log)).collect()
     })
 }
 

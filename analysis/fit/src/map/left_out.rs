@@ -1,8 +1,8 @@
 //! What a map says of a spectrum that it has not seen.
 
-use super::design::Design;
 use super::score::{LeftOutScore, error_part, errors};
-use super::solve::{Kinetics, Normal, Solved};
+use super::solution::Solution;
+use super::solve::Normal;
 use super::sweep::Sweep;
 use super::train::Train;
 use analysis_model::map::BAND_SIGMAS;
@@ -36,21 +36,16 @@ struct Error {
 }
 
 impl<'a> LeftOut<'a> {
-    /// Fits the map once without each fitted spectrum, if there are three or more. `all` are the
-    /// equations with every spectrum, and `solved` is their solution.
-    pub(super) fn new(
-        design: &Design,
-        train: &Train<'a>,
-        kinetics: Kinetics,
-        all: &Normal,
-        solved: &Solved,
-    ) -> Self {
+    /// Fits the map once without each fitted spectrum, if there are three or more. `all` is the solution
+    /// with every spectrum.
+    pub(super) fn new(all: &Solution, train: &Train<'a>) -> Self {
+        let (design, kinetics, solved) = (&all.design, all.kinetics, &all.solved);
         if train.sweeps.len() < LEAST_SPECTRA {
             return Self {
                 spectra: Vec::new(),
             };
         }
-        let covariance = all.covariance();
+        let covariance = all.equations.covariance();
         let spectra = train.sweeps.iter().map(|sweep| {
             let error = covariance.as_ref().and_then(|covariance| {
                 let mut own = (Normal::new(design.count()), DMatrix::zeros(0, 0));
@@ -58,14 +53,17 @@ impl<'a> LeftOut<'a> {
                     own.0.add(rows, y);
                     own.1 = rows.clone();
                 });
-                let mut others = all.clone();
+                let mut others = all.equations.clone();
                 others.remove(&own.0);
                 let without = others.solve(design.resistances(), Some(solved)).ok()?;
                 let map = design.map(kinetics, &without);
                 let inductance_h = design.inductance_h(&without);
                 let variances = variances(covariance, &own.1)?;
                 let (mut square, mut inside) = (0.0, 0);
-                for (k, (point, error)) in errors(&map, sweep, inductance_h).enumerate() {
+                for (k, (point, error)) in errors(&map, sweep, inductance_h)
+                    .skip(sweep.low())
+                    .enumerate()
+                {
                     let unit_ohm = train.scales.spectra * point.error_ohm;
                     for (error_ohm, variance) in [
                         (error.re, variances[2 * k]),
@@ -76,9 +74,9 @@ impl<'a> LeftOut<'a> {
                         inside += usize::from(is_inside);
                     }
                 }
-                let points = sweep.points.len() as f64;
+                let points = sweep.fitted().len() as f64;
                 Some(Error {
-                    part: error_part(&map, sweep, inductance_h),
+                    part: error_part(&map, sweep, inductance_h, sweep.low()),
                     sigma_part: (square / points).sqrt(),
                     inside: inside as f64 / (2.0 * points),
                     fall: solved.cost - without.cost,

@@ -13,6 +13,7 @@
 
 mod charge;
 mod choices;
+mod conflict;
 mod design;
 mod error;
 mod kinetics;
@@ -26,6 +27,7 @@ mod options;
 mod prior;
 mod rows;
 mod score;
+mod solution;
 mod solve;
 mod sweep;
 mod thermal;
@@ -42,10 +44,11 @@ use analysis_model::{
     ocv::OcvCurve,
 };
 use analysis_signal::series::Role;
-use design::Design;
+use conflict::Conflict;
 use log::Log;
 use score::LogErrors;
 use serde::Serialize;
+use solution::Solution;
 use sweep::Sweep;
 pub use train::Scales;
 use train::Train;
@@ -77,6 +80,9 @@ pub struct MapFit {
     /// Factors on the errors that the weights of a first fit assume; the standard deviations of the
     /// map follow from them.
     pub scales: Scales,
+    /// Frequency from which on spectra are fitted, Hz; below it they contradict the logs. Zero if all of
+    /// their points are fitted.
+    pub spectra_from_hz: f64,
     /// Remarks, in sentences.
     pub notes: Vec<String>,
 }
@@ -101,32 +107,19 @@ pub fn fit_map(
         .iter()
         .map(|spectrum| Sweep::new(spectrum, ocv));
     let sweeps = sweeps.collect::<Result<Vec<_>, _>>()?;
-    let mut train = Train {
-        logs: logs.iter().filter(|log| log.role == Role::Train).collect(),
-        sweeps: sweeps
-            .iter()
-            .filter(|sweep| sweep.role == Role::Train)
-            .collect(),
-        lag_s: 0.0,
-        scales: Scales::default(),
-        ocv,
-    };
-    let design = Design::new(&train, &[], options)?;
-    let (kinetics, first) = kinetics::search(&design, &mut train)?;
-    // The errors that remain are those of the final weights.
-    let map = design.map(kinetics, &first);
-    let of_train = train
-        .logs
-        .iter()
-        .map(|log| score::residuals(&map, log, train.lag_s));
-    let residuals: Vec<Vec<f64>> = of_train.collect();
-    let residuals: Vec<&Vec<f64>> = residuals.iter().collect();
-    train.scales = score::scales(&map, &train, &residuals, design.inductance_h(&first));
-    let equations = design.equations(&train, kinetics);
-    let solved = equations.solve(design.resistances(), None)?;
-    let mut map = design.map(kinetics, &solved);
+    let mut train = Train::new(&logs, &sweeps, ocv);
+    let mut solution = Solution::search(&mut train, options)?;
+    let conflict = Conflict::find(&solution, &train, &sweeps, options)?;
+    let from_hz = conflict.map_or(0.0, |conflict| conflict.from_hz);
+    let sweeps: Vec<Sweep> = sweeps.iter().map(|s| s.clone().fit_from(from_hz)).collect();
+    train.sweeps = sweeps.iter().filter(|sweep| sweep.is_fitted()).collect();
+    if conflict.is_some() {
+        train = Train::new(&logs, &sweeps, ocv);
+        solution = Solution::search(&mut train, options)?;
+    }
+    let mut map = solution.map();
     map.thermal = thermal::fit(&train.logs);
-    design.write_sigma(&mut map, &solved);
+    solution.design.write_sigma(&mut map, &solution.solved);
     map.validate()
         .map_err(|error| MapFitError::Series(error.to_string()))?;
     let of_logs = logs
@@ -135,7 +128,7 @@ pub fn fit_map(
     let mut errors: Vec<LogErrors> = of_logs.collect();
     let from = error::source(&logs);
     if from == ErrorSource::LeftOut {
-        let pieces = error::predict_left_out(&design, &train, kinetics, &equations, &solved);
+        let pieces = error::predict_left_out(&solution, &train);
         let fitted = logs.iter().zip(&mut errors);
         let fitted = fitted.filter(|(log, _)| log.role == Role::Train);
         for ((_, errors), piece) in fitted.zip(pieces) {
@@ -143,9 +136,10 @@ pub fn fit_map(
         }
     }
     error::write(&mut map, ocv, from, &logs, &mut errors);
-    let left_out = left_out::LeftOut::new(&design, &train, kinetics, &equations, &solved);
-    let inductance_h = design.inductance_h(&solved);
+    let left_out = left_out::LeftOut::new(&solution, &train);
+    let inductance_h = solution.inductance_h();
     let spectra = score::spectra(&map, &sweeps, inductance_h, |sweep| left_out.score(sweep));
+    let conflict = conflict.map(|conflict| conflict.note());
     let both = || logs.iter().zip(&errors);
     let fitted = both().filter(|(log, _)| log.role == Role::Train);
     let fitted: Vec<&Vec<f64>> = fitted.map(|(_, errors)| &errors.of_map).collect();
@@ -153,12 +147,18 @@ pub fn fit_map(
         logs: both()
             .map(|(log, errors)| LogScore::new(&map, log, errors))
             .collect(),
-        notes: [design.notes(&map, &train), left_out.notes()].concat(),
+        notes: [
+            solution.design.notes(&map, &train),
+            conflict.into_iter().collect(),
+            left_out.notes(),
+        ]
+        .concat(),
         correlation_s: score::correlation_s(&train.logs, &fitted),
         spectra,
         map,
         lag_s: train.lag_s,
         scales: train.scales,
+        spectra_from_hz: from_hz,
     })
 }
 

@@ -144,14 +144,12 @@ impl<'a> Planner<'a> {
             .iter()
             .filter(|spectrum| spectrum.role == Role::Train);
         let sweeps = sweeps
-            .map(|s| Sweep::new(s, ocv))
-            .collect::<Result<Vec<_>, _>>()?;
+            .map(|s| Ok(Sweep::new(s, ocv)?.fit_from(fit.spectra_from_hz)))
+            .collect::<Result<Vec<_>, MapFitError>>()?;
         let train = Train {
-            logs: logs.iter().collect(),
-            sweeps: sweeps.iter().collect(),
             lag_s: fit.lag_s,
             scales: fit.scales,
-            ocv,
+            ..Train::new(&logs, &sweeps, ocv)
         };
         let measured = choices.offers.iter().map(place_of);
         let of_loads = loads.iter().map(|load| Wanted {
@@ -261,6 +259,7 @@ impl<'a> Planner<'a> {
         match &offer.signal {
             Signal::Spectrum { freqs_hz } => {
                 let sweep = Sweep::new(&self.spectrum(offer, freqs_hz), ocv)?;
+                let sweep = sweep.fit_from(self.fitted.fit.spectra_from_hz);
                 let scale = self.fitted.fit.scales.spectra;
                 design.add_sweep(&sweep, scale, self.kinetics, &mut keep);
             }

@@ -102,7 +102,7 @@ impl Design {
         }
     }
 
-    /// Adds the rows of a spectrum: its impedance without that of the OCV is the sum of the unknowns
+    /// Adds the rows of the fitted points of a spectrum: its impedance without that of the OCV is the sum of the unknowns
     /// times their columns.
     pub(super) fn add_sweep(
         &self,
@@ -117,7 +117,7 @@ impl Design {
             map.weights(&at, kinetics.series),
             map.weights(&at, kinetics.branches),
         );
-        let points = &sweep.points;
+        let points = sweep.fitted();
         let mut rows = DMatrix::<f64>::zeros(2 * points.len(), self.count());
         let mut right = DVector::<f64>::zeros(2 * points.len());
         for (k, point) in points.iter().enumerate() {

@@ -167,19 +167,20 @@ pub(super) fn spectra(
         role: sweep.role,
         soc: sweep.soc,
         temperature_degc: sweep.temperature_degc,
-        rms_part: error_part(map, sweep, inductance_h),
+        rms_part: error_part(map, sweep, inductance_h, 0),
         left_out: left_out(sweep),
         outside: map.place(sweep.soc, sweep.temperature_degc).outside,
     };
     sweeps.iter().map(score).collect()
 }
 
-/// Root of the mean squared error of the impedance over the points of a spectrum, as a part of the
-/// modulus.
-pub(super) fn error_part(map: &CellMap, sweep: &Sweep, inductance_h: f64) -> f64 {
+/// Root of the mean squared error of the impedance over the points of a spectrum without the first
+/// `low`, as a part of the modulus.
+pub(super) fn error_part(map: &CellMap, sweep: &Sweep, inductance_h: f64, low: usize) -> f64 {
     let squares = errors(map, sweep, inductance_h)
+        .skip(low)
         .map(|(point, error)| error.norm_sqr() / point.z_ohm.norm_sqr());
-    (squares.sum::<f64>() / sweep.points.len() as f64).sqrt()
+    (squares.sum::<f64>() / (sweep.points.len() - low) as f64).sqrt()
 }
 
 /// Measured less predicted impedance of each point of a spectrum, Ω.
@@ -241,13 +242,14 @@ pub(super) fn scales(
     let squares = train.sweeps.iter().map(|sweep| {
         let errors = errors(map, sweep, inductance_h);
         errors
+            .skip(sweep.low())
             .map(|(point, error)| (error.norm_sqr() / 2.0) / point.error_ohm.powi(2))
             .sum::<f64>()
     });
     let points = train
         .sweeps
         .iter()
-        .map(|sweep| sweep.points.len())
+        .map(|sweep| sweep.fitted().len())
         .sum::<usize>();
     let spectra = if points > 0 {
         (squares.sum::<f64>() / points as f64)

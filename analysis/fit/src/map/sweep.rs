@@ -22,6 +22,8 @@ pub(super) struct Sweep {
     pub(super) soc: f64,
     pub(super) temperature_degc: f64,
     pub(super) points: Vec<SweepPoint>,
+    /// Number of points at low frequencies that are predicted only.
+    low: usize,
     /// Number of points with an inductive part, which are left out.
     pub(super) inductive: usize,
 }
@@ -86,17 +88,40 @@ impl Sweep {
             temperature_degc: spectrum.temperature_degc,
             inductive: spectrum.points.len() - points.len(),
             points,
+            low: 0,
             name,
         })
     }
 
-    /// Returns whether a branch of this time constant changes within the frequencies.
+    /// Fits only the points from a frequency on, Hz, and predicts the others.
+    pub(super) fn fit_from(mut self, freq_hz: f64) -> Self {
+        let is_low = |p: &SweepPoint| p.omega < TAU * freq_hz;
+        self.low = self.points.partition_point(is_low);
+        self
+    }
+
+    /// Points that are fitted.
+    pub(super) fn fitted(&self) -> &[SweepPoint] {
+        &self.points[self.low..]
+    }
+
+    /// Number of points that are predicted only.
+    pub(super) fn low(&self) -> usize {
+        self.low
+    }
+
+    /// Returns whether enough points are fitted to count as a spectrum.
+    pub(super) fn is_fitted(&self) -> bool {
+        self.role == Role::Train && self.fitted().len() >= LEAST_POINTS
+    }
+
+    /// Returns whether a branch of this time constant changes within the fitted frequencies.
     pub(super) fn shows(&self, tau_s: f64) -> bool {
-        let (first, last) = (
-            self.points[0].omega,
-            self.points[self.points.len() - 1].omega,
-        );
-        (1.0 / last..=1.0 / first).contains(&tau_s)
+        let points = self.fitted();
+        match (points.first(), points.last()) {
+            (Some(first), Some(last)) => (1.0 / last.omega..=1.0 / first.omega).contains(&tau_s),
+            _ => false,
+        }
     }
 
     /// Real part of the impedance at the lowest frequency, Ω.

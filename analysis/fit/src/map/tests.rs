@@ -188,7 +188,7 @@ fn spectrum(soc: f64, degc: f64, factor: f64) -> MapSpectrum {
     let hotter = (30e3 / 8.314_462_618 * (1.0 / (degc + 273.15) - 1.0 / 298.15)).exp();
     let r0 = 0.02 * (1.0 + 0.5 * (1.0 - soc) * (1.0 - soc)) * hotter;
     let slope_v = 1.0 + 0.2 * soc;
-    let points = (0..12).map(|k| {
+    let points = (0..14).map(|k| {
         let freq_hz = 0.001 * 2.5f64.powi(k);
         let s = Complex64::new(0.0, std::f64::consts::TAU * freq_hz);
         let stored = slope_v / (s * 3600.0 * CAPACITY_AH);
@@ -260,6 +260,32 @@ fn spectra_alone_give_the_map_and_one_that_contradicts_its_neighbours_is_named()
         .collect();
     assert_eq!(named.len(), 1, "{:?}", fit.notes);
     assert!(named[0].contains("z0.5_5"), "{named:?}");
+}
+
+#[test]
+fn spectra_that_contradict_the_logs_give_way_at_the_frequencies_of_the_logs() {
+    let spectra = [0.1, 0.3, 0.5, 0.7, 0.9].map(|soc| spectrum(soc, 27.0, 1.0));
+    let mut data = MapData {
+        logs: vec![log("drive", 25.0, 1, Role::Train)],
+        spectra: spectra.to_vec(),
+    };
+    let fit = fit_map(&data, &curve(), &options()).unwrap();
+    assert_eq!(fit.spectra_from_hz, 0.0, "{:?}", fit.notes);
+    let rms_v = fit.logs[0].rms_v;
+    // At rest the cell has a branch of 30 mΩ and 0.5 s that no load meets.
+    for point in data.spectra.iter_mut().flat_map(|s| &mut s.points) {
+        let s = Complex64::new(0.0, std::f64::consts::TAU * point.freq_hz);
+        point.z_ohm += 0.03 / (1.0 + 0.5 * s);
+    }
+    let fit = fit_map(&data, &curve(), &options()).unwrap();
+    assert_eq!(fit.spectra_from_hz, 5.0, "{:?}", fit.notes);
+    let note = |note: &String| note.contains("the spectra are fitted from 5.000 Hz on");
+    assert!(fit.notes.iter().any(note), "{:?}", fit.notes);
+    assert!(fit.logs[0].rms_v < 1.1 * rms_v, "{:?}", fit.logs);
+    assert!(
+        fit.spectra.iter().all(|score| score.rms_part > 0.1),
+        "the points that are not fitted count as errors"
+    );
 }
 
 #[test]

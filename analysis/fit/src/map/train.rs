@@ -3,6 +3,7 @@
 use super::log::Log;
 use super::sweep::Sweep;
 use analysis_model::ocv::OcvCurve;
+use analysis_signal::series::Role;
 use serde::Serialize;
 
 /// Error of the model that the weights assume, V, and the time over which it is correlated, s.
@@ -45,7 +46,18 @@ pub(super) struct Train<'a> {
     pub(super) ocv: &'a OcvCurve,
 }
 
-impl Train<'_> {
+impl<'a> Train<'a> {
+    /// Takes the logs and spectra that are fitted.
+    pub(super) fn new(logs: &'a [Log], sweeps: &'a [Sweep], ocv: &'a OcvCurve) -> Self {
+        Self {
+            logs: logs.iter().filter(|log| log.role == Role::Train).collect(),
+            sweeps: sweeps.iter().filter(|sweep| sweep.is_fitted()).collect(),
+            lag_s: 0.0,
+            scales: Scales::default(),
+            ocv,
+        }
+    }
+
     /// Returns the error of the model that the weights of the logs assume at a SOC, V.
     pub(super) fn error_v(&self, soc: f64) -> f64 {
         ERROR_V.hypot(SOC_ERROR * self.ocv.slope_v(soc))
@@ -66,7 +78,7 @@ impl Train<'_> {
         let of_sweeps = self
             .sweeps
             .iter()
-            .map(|sweep| 2 * sweep.points.len())
+            .map(|sweep| 2 * sweep.fitted().len())
             .sum::<usize>();
         self.logs.iter().map(of_log).sum::<f64>() + of_sweeps as f64
     }
