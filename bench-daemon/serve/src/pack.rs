@@ -434,22 +434,22 @@ fn told(
         )
     } else if margin_v < 0.0 {
         format!(
-            "lowest {:.1} V at {:.2} s: {:.1} V below the limit",
+            "the voltage falls to {:.1} V at {:.2} s: {:.1} V below the limit",
             summary.min_ccv_v, summary.min_ccv_time_s, -margin_v
         )
     } else if margin_high_v < 0.0 {
         format!(
-            "highest {:.1} V at {:.2} s: {:.1} V above the limit",
+            "the voltage rises to {:.1} V at {:.2} s: {:.1} V above the limit",
             summary.max_ccv_v, summary.max_ccv_time_s, -margin_high_v
         )
     } else if let Some(margin_a) = margin_a.filter(|margin| *margin < 0.0) {
         format!(
-            "greatest {highest_a:.0} A: {:.0} A above the limit of the current",
+            "the current reaches {highest_a:.0} A: {:.0} A above the limit",
             -margin_a
         )
     } else {
         format!(
-            "lowest {:.1} V at {:.2} s: {margin_v:.1} V above the limit",
+            "the voltage falls to {:.1} V at {:.2} s: {margin_v:.1} V above the limit",
             summary.min_ccv_v, summary.min_ccv_time_s
         )
     };

@@ -105,7 +105,7 @@ const WORDS = {
   takeBack: "Pauses after this step: take it back",
   keepsOn: (run) => `${run} does not pause after this step. The whole plan:`,
   cleared: (bench) => `${bench} is cleared.`,
-  identify: "Ask who they are",
+  identify: "Read identities",
   asking: "Asking …",
   answered: ({ answers, silent, trouble }) =>
     `${answers.length} of ${answers.length + silent.length} instruments answered${trouble ? `; ${trouble}` : ""}.`,

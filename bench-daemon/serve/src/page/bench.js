@@ -7,7 +7,7 @@ const WORDS = {
   minutes: (min, s) => `${min} min ${s} s`,
   hours: (h, min) => `${h} h ${min} min`,
   noDuration: "unknown",
-  somebody: "somebody on this machine",
+  somebody: "user of this machine",
   roles: { supply4q: "bipolar supply" },
   states: {
     unknown: ["?", "Unknown: a run has left outputs that were not read back as off"],

@@ -41,7 +41,7 @@ const WORDS = {
   compare: "Compare",
   compareOne: (name) => `Compare ${name}`,
   hints: {
-    runs: (most) => `Tick up to ${most} runs to lay their spectra over each other.`,
+    runs: (most) => `Tick up to ${most} runs to compare their spectra.`,
     spectra: (most) => `Tick up to ${most} spectra, of several runs, to lay them over each other.`,
   },
   full: (most) => `${most} are ticked, which is the maximum: untick one to tick another.`,

@@ -13,7 +13,7 @@ const WORDS = {
     cells: "Cells",
     when: "Started",
     by: "By",
-    how: "How it ended",
+    how: "Outcome",
     verdict: "Verdict",
     tags: "Tags",
     notes: "Notes",

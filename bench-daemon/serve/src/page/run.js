@@ -2,7 +2,9 @@
 // and its notes.
 "use strict";
 
-import { $, axis, decimals, duration, el, fill, ink, outcome, person, saveBlob, size, text, when } from "./bench.js";
+import {
+  $, axis, decimals, duration, el, fill, ink, minus, outcome, person, saveBlob, size, text, when,
+} from "./bench.js";
 import {
   address,
   begin,
@@ -81,6 +83,9 @@ const WORDS = {
   place: (cell, repeat, state) => `${cell}, repeat ${repeat}: ${state}`,
   map: "Map over charge and temperature",
   mapPicture: "Series resistance, and with all branches, over state of charge, a line for each temperature",
+  mapRange: (soc, degc) =>
+    `Measured from ${(100 * soc[0]).toFixed(0)} to ${(100 * soc.at(-1)).toFixed(0)} % of charge, ` +
+    `${minus(degc.map((value) => value.toFixed(1)).join(", "))} °C.`,
   mapPack: "Put a load on a pack of this cell",
   mapTables: { "map_logs.csv": "Errors on logs", "map_spectra.csv": "Errors on spectra" },
   mapHeads: {
@@ -456,7 +461,10 @@ function mapSection() {
   view.mapTables = el("div", {});
   view.mapFiles = el("ul", { class: "fd-files" });
   const pack = `#/pack?${query({ run: view.run, name: "map" })}`;
-  const parts = [view.mapPicture, view.mapTables, view.mapFiles, el("a", { href: pack }, WORDS.mapPack)];
+  view.mapRange = el("p");
+  view.mapNotes = el("ul");
+  const load = el("a", { href: pack }, WORDS.mapPack);
+  const parts = [view.mapRange, view.mapPicture, view.mapTables, view.mapNotes, view.mapFiles, load];
   view.mapSection = section("fd-map", WORDS.map, ...parts);
   view.mapSection.hidden = true;
   return view.mapSection;
@@ -473,14 +481,19 @@ async function drawMap() {
   fill(mine.mapFiles, ...files.map((file) => fileRow(file, file.path)));
   const read = (name) => mine.ctx.file(path("files", name)).catch(() => null);
   const tables = Object.keys(WORDS.mapTables).filter((name) => files.some((file) => file.path === name));
-  const [picture, ...texts] = await Promise.all([
+  const [model, picture, ...texts] = await Promise.all([
+    read(MAP_FILES[0])
+      .then(async (file) => file && JSON.parse(await file.text()))
+      .catch(() => null),
     read(MAP_PICTURE),
     ...tables.map(async (name) => (await read(name))?.text()),
   ]);
   if (view !== mine) return;
   const errors = (name, place) => (texts[place] ? mapTable(WORDS.mapTables[name], texts[place]) : "");
   fill(mine.mapTables, ...tables.map(errors));
-  if (!picture) {
+  if (model?.map) fill(mine.mapRange, WORDS.mapRange(model.map.soc, model.map.temperature_degc));
+  fill(mine.mapNotes, ...(model?.warnings ?? []).map((note) => el("li", {}, note)));
+  if (!picture || !model) {
     mine.mapKey = "";
     return;
   }

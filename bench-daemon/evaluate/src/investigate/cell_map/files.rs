@@ -88,27 +88,58 @@ fn table_of_spectra(spectra: &[SpectrumScore]) -> String {
     table
 }
 
-/// The series resistance and the whole resistance over state of charge, a line per temperature.
+/// The series resistance with its band and the whole resistance over state of charge, a line per
+/// temperature; below them the error on each spectrum that a fit without it leaves.
 pub(crate) fn picture(name: &str, fit: &MapFit) -> Chart {
     let map = &fit.map;
     let (mut series, mut whole) = (Vec::new(), Vec::new());
     for (j, degc) in map.temperature_degc.iter().enumerate() {
         let label = format!("{degc:.1} °C");
         let knots = map.soc.iter().enumerate();
-        let points = knots.map(|(k, z)| (*z, 1e3 * map.series.r_ohm[j][k]));
-        series.push(Trace::new(&label, j, TraceStyle::Line, points.collect()));
+        let points: Vec<(f64, f64)> = knots
+            .map(|(k, z)| (*z, 1e3 * map.series.r_ohm[j][k]))
+            .collect();
+        if let Some(sigma_ohm) = map.series.sigma_ohm.get(j) {
+            let half = sigma_ohm.iter().map(|sigma| 2e3 * sigma).collect();
+            let band = Trace::new("", j, TraceStyle::Band, points.clone()).with_spread(half);
+            series.push(band);
+        }
+        series.push(Trace::new(&label, j, TraceStyle::Line, points));
         let total = |z: f64| 1e3 * map.model_at(z, *degc).dc_resistance_ohm();
         let points = map.soc.iter().map(|z| (*z, total(*z)));
         whole.push(Trace::new("", j, TraceStyle::Line, points.collect()));
     }
     let soc = || AxisSpec::linear("State of charge").between(0.0, 1.0);
     let panel = |title: &str, traces| Panel::new(soc(), AxisSpec::linear(title), traces);
+    let mut panels = vec![
+        panel("series resistance, ±2σ / mΩ", series),
+        panel("with all branches / mΩ", whole),
+    ];
+    let errors = errors_left_out(fit);
+    if !errors.is_empty() {
+        panels.push(panel("spectra, left out of the fit: error / %", errors));
+    }
     Chart::new(
         name,
         "resistance over state of charge and temperature",
-        vec![
-            panel("series resistance / mΩ", series),
-            panel("with all branches / mΩ", whole),
-        ],
+        panels,
     )
+}
+
+/// Errors on spectra that are left out of a fit, in the colour of the nearest temperature of the map.
+fn errors_left_out(fit: &MapFit) -> Vec<Trace> {
+    let nodes_degc = &fit.map.temperature_degc;
+    let nearest = |degc: f64| {
+        let nodes = 0..nodes_degc.len();
+        let distance = |k: &usize| (nodes_degc[*k] - degc).abs();
+        nodes.min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    };
+    let at_node = |node: usize| {
+        let here = fit.spectra.iter();
+        let here = here.filter(|score| nearest(score.temperature_degc) == Some(node));
+        let points = here.filter_map(|score| Some((score.soc, 100.0 * score.left_out?.part)));
+        Trace::new("", node, TraceStyle::Points, points.collect())
+    };
+    let traces = (0..nodes_degc.len()).map(at_node);
+    traces.filter(|trace| !trace.points.is_empty()).collect()
 }
