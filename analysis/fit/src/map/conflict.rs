@@ -6,6 +6,7 @@
 //! without the frequencies that logs show as well, those frequencies are predicted only.
 
 use super::design::Design;
+use super::error;
 use super::options::{MapFitError, MapOptions};
 use super::solution::Solution;
 use super::sweep::Sweep;
@@ -35,18 +36,19 @@ impl Conflict {
     ) -> Result<Option<Self>, MapFitError> {
         let steps_s = train.logs.iter().map(|log| log.step_s());
         let from_hz = 0.5 / steps_s.fold(f64::INFINITY, f64::min);
-        let high: Vec<Sweep> = sweeps.iter().map(|s| s.clone().fit_from(from_hz)).collect();
-        if from_hz == 0.0 || high.iter().all(|sweep| sweep.low() == 0) {
+        let cut: Vec<Sweep> = sweeps.iter().map(|s| s.clone().fit_from(from_hz)).collect();
+        if from_hz == 0.0 || cut.iter().all(|sweep| sweep.low() == 0) {
             return Ok(None);
         }
         let without = Train {
-            sweeps: high.iter().filter(|sweep| sweep.is_fitted()).collect(),
+            sweeps: cut.iter().filter(|sweep| sweep.is_fitted()).collect(),
             ..train.clone()
         };
-        let with_v = all.error_v(train);
+        let with_v = left_out_v(all, train);
         // Energies and exchange current of all data: a search of its own could only be better.
         let design = Design::new(&without, &[], options)?;
-        let without_v = Solution::new(design, &without, all.kinetics)?.error_v(&without);
+        let high = Solution::new(design, &without, all.kinetics)?;
+        let without_v = left_out_v(&high, &without);
         let conflict = Self {
             from_hz,
             with_v,
@@ -65,4 +67,9 @@ impl Conflict {
             1e3 * self.without_v
         )
     }
+}
+
+/// Error on pieces of the fitted logs that the map has not seen, rms V.
+fn left_out_v(solution: &Solution, train: &Train) -> f64 {
+    error::rms_v(&train.logs, &error::predict_left_out(solution, train))
 }

@@ -102,8 +102,8 @@ impl Design {
         }
     }
 
-    /// Adds the rows of the fitted points of a spectrum: its impedance without that of the OCV is the sum of the unknowns
-    /// times their columns.
+    /// Adds the rows of the fitted points of a spectrum: its impedance without that of the OCV is the sum
+    /// of the unknowns times their columns.
     pub(super) fn add_sweep(
         &self,
         sweep: &Sweep,

@@ -1,7 +1,6 @@
 //! The solution of a fit with its weights.
 
 use super::design::Design;
-use super::error;
 use super::kinetics;
 use super::options::{MapFitError, MapOptions};
 use super::score;
@@ -57,11 +56,5 @@ impl Solution {
     /// Inductance of the wiring in the spectra, H.
     pub(super) fn inductance_h(&self) -> f64 {
         self.design.inductance_h(&self.solved)
-    }
-
-    /// Error on pieces of the fitted logs that the map has not seen, rms V.
-    pub(super) fn error_v(&self, train: &Train) -> f64 {
-        let pieces = error::predict_left_out(self, train);
-        error::rms_v(&train.logs, &pieces)
     }
 }
