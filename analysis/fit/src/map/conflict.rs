@@ -14,6 +14,8 @@ use super::train::Train;
 
 /// Largest error on pieces without the low frequencies, as a part of that with them.
 const LARGEST_RATIO: f64 = 0.9;
+/// Least fall of that error, V: less does not matter under a load.
+const LEAST_FALL_V: f64 = 2e-3;
 
 /// Low frequencies of spectra that contradict the logs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,14 +56,15 @@ impl Conflict {
             with_v,
             without_v,
         };
-        Ok((without_v < LARGEST_RATIO * with_v).then_some(conflict))
+        let is_better = without_v < (LARGEST_RATIO * with_v).min(with_v - LEAST_FALL_V);
+        Ok(is_better.then_some(conflict))
     }
 
     pub(super) fn note(&self) -> String {
         format!(
             "the spectra are fitted from {:.3} Hz on: with their lower frequencies the map misses pieces of \
-            the logs that it has not seen by {:.1} mV instead of {:.1} mV (rms), so that at rest this cell \
-            has another impedance than under load",
+            the logs that it has not seen by {:.1} mV instead of {:.1} mV (rms): at rest this cell has \
+            another impedance than under load",
             self.from_hz,
             1e3 * self.with_v,
             1e3 * self.without_v
