@@ -36,8 +36,7 @@ impl Conflict {
         sweeps: &[Sweep],
         options: &MapOptions,
     ) -> Result<Option<Self>, MapFitError> {
-        let steps_s = train.logs.iter().map(|log| log.step_s());
-        let from_hz = 0.5 / steps_s.fold(f64::INFINITY, f64::min);
+        let from_hz = 0.5 / train.shortest_step_s();
         let cut: Vec<Sweep> = sweeps.iter().map(|s| s.clone().fit_from(from_hz)).collect();
         if from_hz == 0.0 || cut.iter().all(|sweep| sweep.low() == 0) {
             return Ok(None);

@@ -22,8 +22,7 @@ pub(super) fn find(
     kinetics: Kinetics,
     without: &Solved,
 ) -> Result<Option<f64>, MapFitError> {
-    let steps = train.logs.iter().map(|log| log.step_s());
-    let step_s = steps.fold(f64::INFINITY, f64::min);
+    let step_s = train.shortest_step_s();
     if !step_s.is_finite() {
         return Ok(None);
     }

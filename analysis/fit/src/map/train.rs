@@ -89,6 +89,12 @@ impl<'a> Train<'a> {
         cost_without - cost_with > (LEAST_GAIN * cost_without).max(LEAST_OF_ONE * of_one)
     }
 
+    /// Shortest step of the logs, s; infinite without logs.
+    pub(super) fn shortest_step_s(&self) -> f64 {
+        let steps_s = self.logs.iter().map(|log| log.step_s());
+        steps_s.fold(f64::INFINITY, f64::min)
+    }
+
     /// Lowest and highest SOC.
     pub(super) fn range_of_soc(&self) -> (f64, f64) {
         let of_logs = self.logs.iter().flat_map(|log| &log.samples.soc).copied();
