@@ -228,7 +228,36 @@ def test_a_height_is_reached_and_a_gap_is_crossed(pack):
     assert over.com_m_s[at - 1, 1] < 0 and over.energy_j > 0
 
 
-def test_a_map_at_its_temperature(tmp_path):
+def test_a_start_is_followed_and_must_have_the_same_mesh(free, planned, pack):
+    law = motion.Transient(pack)
+    again = motion.jump(ROBOT, law, replace(COARSE, start=planned))
+    assert abs(again.height_m - planned.height_m) < 1e-3
+    # From its own solution the way is shorter than from the built-in start.
+    assert again.iterations < planned.iterations
+    # A motion without a cell starts one with a cell.
+    assert motion.jump(ROBOT, law, replace(COARSE, start=free)).height_m > 0.5
+    finer = motion.Options(flat=5, toe=2, flight=3, start=planned)
+    with pytest.raises(eb.EisError, match="Options.start: expected a motion with 5 intervals of flat"):
+        motion.jump(ROBOT, law, finer)
+
+
+def test_a_correction_is_added_to_the_planned_voltage(planned, pack):
+    added_v = np.full(planned.time_s.size, -0.2)
+    law = motion.Transient(pack, correction_v=added_v)
+    found = motion.jump(ROBOT, law, replace(COARSE, start=planned))
+    time_s, power_w = found.profile()
+    size = {"series": 16, "parallel": 3, "interconnect_ohm": 0.03}
+    run = pack.model.simulate(time_s, power_w=power_w, soc=0.2, linear=True, **size)
+    apart_v = found.ccv_v - np.interp(found.time_s, run.time_s, run.ccv_v)
+    assert np.abs(apart_v + 16 * 0.2).max() < 0.05
+    lowest_v = found.margin_low_v.min() + pack.window_v[0]
+    assert abs(lowest_v - (run.summary["margin_low_v"] + 2.5 - 0.2)) < 0.005
+    assert found.height_m < planned.height_m
+    with pytest.raises(eb.EisError, match="correction_v: expected a voltage for each point"):
+        motion.jump(ROBOT, motion.Transient(pack, correction_v=added_v[:5]), COARSE)
+
+
+def mapped(tmp_path, **more):
     def surface(ohm):
         ohms = [[ohm * cold * z for z in (2.0, 1.0, 1.2)] for cold in (2.0, 1.0)]
         return {"activation_j_per_mol": 25e3, "r_ohm": ohms}
@@ -242,13 +271,37 @@ def test_a_map_at_its_temperature(tmp_path):
         "ocv_v_per_k": [0.0, 0.0, 0.0],
         "ocv_temperature_degc": 25.0,
         "thermal": {"capacity_j_per_k": 60.0, "resistance_k_per_w": 6.0},
+        **more,
     }
     ocv = {"capacity_ah": 4.5, "soc": [0, 0.5, 1], "ocv_v": [3, 3.7, 4.2], "slope_v": [2, 1.1, 1]}
     file = tmp_path / "map.json"
     file.write_text(
         json.dumps({"name": "map", "r_ohm": 7e-3, "branches": [], "map": tables, "ocv": ocv})
     )
-    pack = motion.Pack(eb.Model.read(file), series=16, parallel=3, soc=0.3)
+    return motion.Pack(eb.Model.read(file), series=16, parallel=3, soc=0.3)
+
+
+def test_the_lower_edge_of_the_band_keeps_away_from_the_limit(tmp_path):
+    error = {"rest_v": 0.004, "soc": 0.003, "share": [0.08, 0.04], "from": "held_out"}
+    weak = replace(mapped(tmp_path, voltage_error=error), parallel=1, soc=0.15, ambient_degc=0.0)
+    bare = motion.jump(ROBOT, motion.Transient(weak), COARSE)
+    edge = motion.jump(ROBOT, motion.Transient(weak, sigmas=2.0), replace(COARSE, start=bare))
+    assert edge.height_m < bare.height_m
+    assert -1e-6 < bare.margin_low_v.min() < 1e-3
+    # By the formula of the error at the node of 0 °C; the cubic curve has 3.2636 V and a slope of 1.541 V
+    # at 15 %.
+    rest_v = np.hypot(error["rest_v"], error["soc"] * 1.541)
+    loss_v = 3.2636 - (edge.margin_low_v + 2.5)
+    half_v = 2.0 * np.hypot(rest_v, error["share"][0] * loss_v)
+    # A lower voltage takes more current at the same power.
+    half_v *= (3.2636 - loss_v) / (3.2636 - 2 * loss_v)
+    assert -1e-4 < (edge.margin_low_v - half_v).min() < 1e-3
+    with pytest.raises(eb.EisError, match="Transient.sigmas: expected a model with a map that states"):
+        motion.jump(ROBOT, motion.Transient(mapped(tmp_path), sigmas=2.0), COARSE)
+
+
+def test_a_map_at_its_temperature(tmp_path):
+    pack = mapped(tmp_path)
     lowest_v = []
     for change in ({}, {"ambient_degc": 5.0}, {"ageing": 1.5}):
         found = motion.jump_to(ROBOT, motion.Transient(replace(pack, **change)), 0.2, COARSE)

@@ -1,5 +1,6 @@
 //! `eis-bench simulate`: load profiles through a fitted model, as a cell or as a pack.
 
+mod band;
 mod case;
 mod figure;
 mod input;
@@ -18,7 +19,7 @@ use analysis::{
     given::GivenModel,
 };
 
-use case::{Case, Output};
+use case::{Assumed, Case, Output};
 pub use input::SimulateArgs;
 use input::{check_euler, options, source_of_ocv, state, usage, window};
 
@@ -39,13 +40,15 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
         let profile = read_profile(path, &args.read.options()).map_err(usage)?;
         check_euler(args, &model, &profile)?;
         let options = options(args, &profile, window)?;
-        let case =
-            Case::run(&file, &model, &state, profile, options, args.dcir_ohm).map_err(|error| {
-                match error {
-                    ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
-                    other => usage(other),
-                }
-            })?;
+        let assumed = Assumed {
+            dcir_ohm: args.dcir_ohm,
+            sigma_r: args.sigma_r,
+        };
+        let case = Case::run(&file, &model, &state, profile, options, assumed);
+        let case = case.map_err(|error| match error {
+            ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
+            other => usage(other),
+        })?;
         let trace = args
             .out
             .as_ref()

@@ -17,6 +17,7 @@
 //! was when the model was measured, unless a map or an addition models the heating of the cell.
 
 mod additions;
+mod band;
 mod batch;
 mod body;
 mod error;
@@ -36,6 +37,7 @@ mod simulate;
 mod step;
 mod trace;
 
+pub use band::{RUN_PROBABILITY, RunBand, RunError};
 pub use batch::{BatchCell, BatchOptions, BatchOutcome, MAX_BATCH_RC, simulate_batch};
 pub use error::ForwardError;
 pub use held::{HeldStep, Instant};

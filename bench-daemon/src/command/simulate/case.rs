@@ -5,17 +5,18 @@ use std::path::PathBuf;
 
 use analysis::{
     forward::{
-        Demand, ForwardError, Infeasible, Profile, ScaleBound, ScaleLimit, ScaleOptions, SimModel,
-        SimOptions, SimState, Simulation, Summary, TRACE_BRANCHES, largest_scale, sensitivity,
+        Demand, ForwardError, Infeasible, Profile, RunBand, ScaleBound, ScaleLimit, ScaleOptions,
+        SimModel, SimOptions, SimState, Simulation, Summary, TRACE_BRANCHES, largest_scale,
         simulate,
     },
     given::GivenModel,
-    map::{BAND_SIGMAS, ErrorSource, Outside},
+    map::Outside,
     model::Erm,
     ocv::OcvCurve,
 };
 use serde::Serialize;
 
+use super::band::Uncertainty;
 use crate::command::model_args;
 use bench_plan::support::terminal::say;
 
@@ -30,8 +31,16 @@ pub(super) struct Case {
     /// Largest factors of the two models; `None` for a load resistance.
     limits: Option<[ScaleLimit; 2]>,
     dcir_ohm: f64,
-    /// Derivatives of the lowest voltage by ln R, ln R₁, ln C₁, … of the cell, V.
-    slopes_v: Vec<f64>,
+    pub(super) uncertainty: Uncertainty,
+}
+
+/// What the arguments say of the cells.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Assumed {
+    /// DC resistance for the simple-IR model, Ω, in the place of the model's.
+    pub(super) dcir_ohm: Option<f64>,
+    /// Standard deviation of the resistance from cell to cell, as a share of it.
+    pub(super) sigma_r: f64,
 }
 
 /// Effect of a parameter on the lowest voltage.
@@ -48,21 +57,24 @@ impl Case {
         state: &SimState,
         profile: Profile,
         options: SimOptions,
-        dcir_ohm: Option<f64>,
+        assumed: Assumed,
     ) -> Result<Self, ForwardError> {
         let full = simulate(model, state, &profile, &options)?;
         let mut bare = model.simple_ir(state.soc);
-        if let Some(dcir_ohm) = dcir_ohm {
+        if let Some(dcir_ohm) = assumed.dcir_ohm {
             let cell = Erm {
                 r_ohm: dcir_ohm,
                 branches: Vec::new(),
             };
             bare = SimModel::pack(&cell, model.ocv.clone(), model.pack)?;
         }
-        let dcir_ohm = dcir_ohm.unwrap_or_else(|| match (file.additions.is_empty(), &file.map) {
-            (true, None) => file.erm.dc_resistance_ohm(),
-            _ => (bare.erm.r_ohm - model.pack.interconnect_ohm) / model.pack.ratio(),
-        });
+        let dcir_ohm =
+            assumed
+                .dcir_ohm
+                .unwrap_or_else(|| match (file.additions.is_empty(), &file.map) {
+                    (true, None) => file.erm.dc_resistance_ohm(),
+                    _ => (bare.erm.r_ohm - model.pack.interconnect_ohm) / model.pack.ratio(),
+                });
         let rest = SimState {
             soc: state.soc,
             v_rc_v: Vec::new(),
@@ -80,21 +92,15 @@ impl Case {
                 largest_scale(&bare, &rest, &profile, &scale)?,
             ]),
         };
-        // At the point where the run stopped, the voltage has no derivative and no minimum. With
-        // additions or a map, the fit's parameters are incomplete.
-        let linear = file.additions.is_empty() && file.map.is_none();
-        let slopes_v = if full.summary.feasible && linear {
-            slopes_v(file, model, state, &profile, &full, &options)?
-        } else {
-            Vec::new()
-        };
+        let run = (state, &profile, &options);
+        let uncertainty = Uncertainty::of(file, model, run, &full, assumed.sigma_r)?;
         Ok(Self {
             profile,
             full,
             simple,
             limits,
             dcir_ohm,
-            slopes_v,
+            uncertainty,
         })
     }
 
@@ -116,22 +122,22 @@ impl Case {
                 .map(|(f, asked)| f * asked)
         };
         let names = file.erm.parameter_names();
-        let per_percent = names
-            .into_iter()
-            .zip(&self.slopes_v)
-            .map(|(parameter, slope)| Parameter {
-                parameter,
-                change_v: 0.01 * slope,
-            });
+        let per_percent =
+            names
+                .into_iter()
+                .zip(&self.uncertainty.slopes_v)
+                .map(|(parameter, slope)| Parameter {
+                    parameter,
+                    change_v: 0.01 * slope,
+                });
         Output {
             profile: self.profile.name.clone(),
             model: format!("{}, {} RC", file.name, file.erm.branches.len()),
             pack: model.pack.name(),
             summary: full.clone(),
             first_infeasible: full.infeasible.first().copied(),
-            min_ccv_sigma_v: self
-                .sigma_v(file.log_covariance.as_deref())
-                .or_else(|| self.map_sigma_v(model)),
+            min_ccv_sigma_v: self.uncertainty.lowest_sigma_v,
+            band: self.uncertainty.band.clone(),
             min_ccv_per_percent_v: per_percent.collect(),
             largest_factor: factor(0),
             largest_factor_bound: self.limits.map(|l| l[0].bound),
@@ -171,7 +177,7 @@ impl Case {
                 "{name}: {outside}; there the resistances are extrapolated"
             ));
         }
-        notes.extend(self.band_text(file));
+        notes.extend(self.uncertainty.text(name, file));
         if let Some(degc) = self.full.end.temperature_degc {
             notes.push(format!("{name}: the cells end at {degc:.1} °C"));
         }
@@ -216,98 +222,6 @@ impl Case {
         }
         notes
     }
-
-    /// Describes the band of the map's error, in mV per cell.
-    fn band_text(&self, file: &GivenModel) -> Option<String> {
-        let error = file.map.as_ref()?.voltage_error.as_ref()?;
-        let trace = &self.full.trace;
-        let (mut sum_vs, mut all_s, mut most_v) = (0.0, 0.0, 0.0_f64);
-        for (k, sigma_v) in trace.cell_sigma_v.iter().enumerate().skip(1) {
-            let step_s = trace.time_s[k] - trace.time_s[k - 1];
-            sum_vs += 0.5 * step_s * (sigma_v + trace.cell_sigma_v[k - 1]);
-            all_s += step_s;
-            most_v = most_v.max(*sigma_v);
-        }
-        let mean_v = sum_vs / all_s;
-        let shown = match error.from {
-            ErrorSource::HeldOut => "held-out logs show",
-            ErrorSource::LeftOut => {
-                "left-out pieces of the fitted logs show; other loads may be farther off"
-            }
-        };
-        mean_v.is_finite().then(|| {
-            format!(
-                "{}: 95 % of the cell's voltages are expected within ± {:.0} mV of the prediction (mean; \
-                at most ± {:.0} mV) above 10 % of charge and at the current of the trace, as {shown}",
-                self.profile.name,
-                1e3 * BAND_SIGMAS * mean_v,
-                1e3 * BAND_SIGMAS * most_v
-            )
-        })
-    }
-
-    /// Standard deviation of the lowest voltage at the terminals by the error of the map, V.
-    ///
-    /// Under a power a lower voltage also takes more current, so that only a current has one.
-    fn map_sigma_v(&self, model: &SimModel) -> Option<f64> {
-        if self.profile.demand != Demand::Current || !self.full.summary.feasible {
-            return None;
-        }
-        let trace = &self.full.trace;
-        let rows = trace.ccv_v.iter().zip(&trace.cell_sigma_v);
-        let (_, sigma_v) = rows.min_by(|a, b| a.0.total_cmp(b.0))?;
-        Some(f64::from(model.pack.series) * sigma_v)
-    }
-
-    /// √(gᵀΣg) with the covariance of the logarithms.
-    fn sigma_v(&self, covariance: Option<&[Vec<f64>]>) -> Option<f64> {
-        let covariance = covariance?;
-        let g = &self.slopes_v;
-        if g.is_empty() || covariance.len() != g.len() {
-            return None;
-        }
-        let rows = covariance
-            .iter()
-            .zip(g)
-            .map(|(row, gi)| gi * row.iter().zip(g).map(|(c, gj)| c * gj).sum::<f64>());
-        let variance: f64 = rows.sum();
-        variance.is_finite().then(|| variance.max(0.0).sqrt())
-    }
-}
-
-/// Derivatives of the lowest voltage at the terminals by the logarithms of the cell's parameters,
-/// V.
-fn slopes_v(
-    file: &GivenModel,
-    model: &SimModel,
-    state: &SimState,
-    profile: &Profile,
-    run: &Simulation,
-    options: &SimOptions,
-) -> Result<Vec<f64>, ForwardError> {
-    // Steps as fine as the ones that error control took on average, but not more than a quarter of
-    // a million.
-    let step_s = (run.summary.simulated_s / run.summary.steps.max(1) as f64)
-        .max(profile.duration_s() / 2.5e5);
-    let derivatives = sensitivity(model, state, profile, options.beyond, step_s)?;
-    let Some(lowest) = derivatives
-        .rows
-        .iter()
-        .min_by(|a, b| a.ccv_v.total_cmp(&b.ccv_v))
-    else {
-        return Ok(Vec::new());
-    };
-    let ratio = model.pack.ratio();
-    let cell = &file.erm;
-    let branches = cell
-        .branches
-        .iter()
-        .flat_map(|b| [b.r_ohm * ratio, b.c_f / ratio]);
-    let parameters = std::iter::once(cell.r_ohm * ratio).chain(branches);
-    Ok(parameters
-        .zip(&lowest.by_parameter)
-        .map(|(value, slope)| value * slope)
-        .collect())
 }
 
 /// One row per profile.
@@ -418,6 +332,8 @@ pub(super) struct Output {
     /// Standard deviation of the lowest voltage due to the model's fit or the error of its map; null if
     /// the model states neither.
     min_ccv_sigma_v: Option<f64>,
+    /// Band that holds the whole voltage of a cell with 95 %; null if the model states no error.
+    band: Option<RunBand>,
     /// Change of the lowest terminal voltage when one parameter of the cell rises by 1 %, V.
     min_ccv_per_percent_v: Vec<Parameter>,
     /// The largest factor of the profile within the window.

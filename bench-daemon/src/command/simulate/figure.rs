@@ -7,7 +7,6 @@ use std::path::Path;
 
 use analysis::{
     forward::{CellWindow, OcvSource, SimModel, Trace as Run},
-    map::BAND_SIGMAS,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
 
@@ -78,15 +77,14 @@ fn one(case: &Case, model: &SimModel, window: CellWindow) -> Chart {
         ),
         line("transient model", 0, points(full, |k| full.cell_v[k])),
     ];
-    if !full.cell_sigma_v.is_empty() {
-        let spread = full.cell_sigma_v.iter().map(|s| BAND_SIGMAS * s).collect();
+    if let Some(run) = &case.uncertainty.band {
         let band = Trace::new(
-            "95 % by the error of the map",
+            "95 % of whole runs",
             0,
             TraceStyle::Band,
             points(full, |k| full.cell_v[k]),
         );
-        volts.insert(0, band.with_spread(spread));
+        volts.insert(0, band.with_spread(run.half_v.clone()));
     }
     volts.extend(limits(case, window));
     let mut panels = vec![

@@ -86,6 +86,10 @@ pub struct SimulateArgs {
     /// DC resistance of a cell for the simple-IR model, Ω [default: that of the model]
     #[arg(long, value_name = "OHM", allow_hyphen_values = true, value_parser = units::of::<Resistance>)]
     pub dcir_ohm: Option<f64>,
+    /// Standard deviation of the resistance from cell to cell, as a share of it; widens the band around the
+    /// voltage.
+    #[arg(long, default_value_t = 0.0, value_name = "X", value_parser = spread)]
+    pub sigma_r: f64,
     /// Limits of a cell.
     #[command(flatten)]
     pub window: WindowArgs,
@@ -104,6 +108,16 @@ pub struct SimulateArgs {
     /// Print JSON: one object for one profile, a list for several.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Parses a standard deviation as a share.
+fn spread(text: &str) -> Result<f64, String> {
+    let share = text
+        .trim()
+        .parse()
+        .ok()
+        .filter(|share| (0.0..1.0).contains(share));
+    share.ok_or_else(|| "expected a share from 0 to below 1, such as 0.01".to_owned())
 }
 
 /// Step methods.

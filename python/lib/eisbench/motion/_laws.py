@@ -9,9 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Optional, cast
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from .._eisbench import EisError
 from .._model import Model
 from ._robot import casadi
+
+
+#: How far a motion may move the state of charge of a cell.
+CHARGE_REACH = 0.1
 
 
 @dataclass(frozen=True)
@@ -108,6 +115,7 @@ class Law:
     pack: Optional[Pack] = None
     bus_v: float = 60.0
     limit_w: float = math.inf
+    correction_v: Optional[NDArray[np.float64]] = None
 
     def cell(self) -> Optional[Cell]:
         """The cell of the pack as CasADi functions."""
@@ -144,15 +152,29 @@ class Transient(Law):
 
     Beyond ``p0_share`` of the most power that there is the voltage follows its tangent, so that the
     solver can pass through powers that no cell can give; without ``tangent`` such a power has no
-    voltage.
+    voltage. With ``sigmas``, the window holds for the band of that many standard deviations around the
+    predicted voltage, by the error that a map states, and the motors get its lower edge. ``correction_v``, V, is added to the voltage of a
+    cell at each point: the measured less the planned voltage of an earlier motion of equal intervals.
     """
 
     name = "transient"
 
-    def __init__(self, pack: Pack, p0_share: float = 0.95, tangent: bool = True) -> None:
+    def __init__(
+        self,
+        pack: Pack,
+        p0_share: float = 0.95,
+        tangent: bool = True,
+        sigmas: float = 0.0,
+        correction_v: Optional[ArrayLike] = None,
+    ) -> None:
+        kind = type(self).__name__
         if not 0 < p0_share < 1:
-            raise EisError(f"{type(self).__name__}.p0_share: expected 0 to 1, met {p0_share!r}")
-        self.pack, self.p0_share, self.tangent = pack, p0_share, tangent
+            raise EisError(f"{kind}.p0_share: expected 0 to 1, met {p0_share!r}")
+        if not 0 <= sigmas < math.inf:
+            raise EisError(f"{kind}.sigmas: expected 0 or more, met {sigmas!r}")
+        self.pack, self.p0_share, self.tangent, self.sigmas = pack, p0_share, tangent, sigmas
+        if correction_v is not None:
+            self.correction_v = np.asarray(correction_v, dtype=np.float64)
 
     def model(self, pack: Pack) -> Model:
         """The model of a cell that the law takes."""
@@ -163,7 +185,9 @@ class Transient(Law):
         names = self.model(self.pack)._module("casadi", window_v=self.pack.window_v)
         if not self.tangent:
             names["law_a"] = _root_a
-        return Cell(self.pack, names, self.p0_share)
+        error = _error_v(self.pack) if self.sigmas else (0.0, 0.0)
+        rest_v, share = (self.sigmas * part for part in error)
+        return Cell(self.pack, names, self.p0_share, (rest_v, share))
 
 
 class SimpleIR(Transient):
@@ -177,8 +201,9 @@ class SimpleIR(Transient):
         r_ohm: Optional[float] = None,
         p0_share: float = 0.95,
         tangent: bool = True,
+        correction_v: Optional[ArrayLike] = None,
     ) -> None:
-        super().__init__(pack, p0_share, tangent)
+        super().__init__(pack, p0_share, tangent, correction_v=correction_v)
         if r_ohm is not None and not r_ohm > 0:
             raise EisError(f"SimpleIR.r_ohm: expected a positive resistance, met {r_ohm!r}")
         self.r_ohm = r_ohm
@@ -191,23 +216,63 @@ class SimpleIR(Transient):
         return _read({"name": pack.model.name, "r_ohm": r_ohm, "branches": [], "ocv": whole["ocv"]})
 
 
+def _error_v(pack: Pack) -> tuple[float, float]:
+    """Standard deviation of the voltage of a cell at rest at the start, V, and its growth as a share of
+    the overpotential."""
+    run = pack.model.simulate(
+        [0.0, 1.0, 2.0, 3.0],
+        current_a=[0.0, 0.0, 1.0, 0.0],
+        soc=pack.soc,
+        ambient_c=pack.ambient_degc,
+    )
+    if "cell_sigma_v" not in run.columns:
+        raise EisError("Transient.sigmas: expected a model with a map that states its error, met none")
+    sigma_v, loss_v = run["cell_sigma_v"], run["ocv_v"] - run["cell_v"]
+    most = int(np.argmax(loss_v))
+    share2 = (sigma_v[most] ** 2 - sigma_v[0] ** 2) / loss_v[most] ** 2
+    return float(sigma_v[0]), math.sqrt(max(share2, 0.0))
+
+
 def _root_a(e_v: Any, r_ohm: Any, power_w: Any, p0_share: Any, order: int = 1) -> Any:
     """The current without the tangent: not a number beyond the most power."""
     return (e_v - casadi().sqrt(e_v**2 - 4 * r_ohm * power_w)) / (2 * r_ohm)
+
+
+def _keep_near(names: dict[str, Any], soc: float) -> None:
+    """Drops the knots of the tables of a model that no motion reaches: each costs time in every
+    derivative."""
+
+    def kept(knots: list[float]) -> slice:
+        low, high = (np.searchsorted(knots, soc + sign * CHARGE_REACH) for sign in (-1, 1))
+        return slice(max(int(low) - 1, 0), int(high) + 1)
+
+    knots = kept(names["KNOT_SOC"])
+    for name in ("KNOT_SOC", "KNOT_OCV_V", "KNOT_SLOPE_V"):
+        names[name] = names[name][knots]
+    if "MAP_SOC" in names:
+        knots, size = kept(names["MAP_SOC"]), len(names["MAP_SOC"])
+        rows = np.reshape(names["MAP_R_OHM"], (-1, size))
+        names["MAP_R_OHM"] = rows[:, knots].ravel().tolist()
+        for name in ("MAP_SOC", "OFFSET_V", "OFFSET_V_PER_K"):
+            names[name] = names[name][knots]
 
 
 class Cell:
     """A cell of a pack with its share of the interconnect, for powers of the bus divided over the cells.
 
     ``look`` (state, power) → (share of the voltage of the bus, voltage of the cell, power as a share
-    of the most that there is); ``advance`` (state, power at the start, power at the end, step) → next
-    state. In a step the current goes along a straight line between those of the two powers, for which
-    the branches are exact; the current at the end is corrected twice.
+    of the most that there is, half width of the band); ``advance`` (state and power at the start,
+    state and power at the end, step) → state at the end. In a step the current goes along a straight line
+    between those of the two powers, for which the branches are exact. ``band`` is the half width at rest,
+    V, and its growth as a share of the overpotential.
     """
 
-    def __init__(self, pack: Pack, names: dict[str, Any], p0_share: float) -> None:
+    def __init__(
+        self, pack: Pack, names: dict[str, Any], p0_share: float, band: tuple[float, float]
+    ) -> None:
         ca = casadi()
         share_ohm = pack.interconnect_ohm * pack.parallel / pack.series
+        _keep_near(names, pack.soc)
         within = names["source"]
 
         def source(state: Any, demand: Any) -> tuple[Any, Any]:
@@ -220,19 +285,26 @@ class Cell:
         more: list[float] = []
         if names["surroundings"]():
             rest[1], more = pack.ambient_degc, [pack.ambient_degc]
-        state, start_w, end_w, dt_s = (
-            ca.SX.sym(n, k) for n, k in zip("xpqh", (len(rest), 1, 1, 1))
+        state, after, start_w, end_w, dt_s = (
+            ca.SX.sym(n, k) for n, k in zip("xypqh", (len(rest), len(rest), 1, 1, 1))
         )
         voltage_v, current_a, *_ = look(state, start_w, p0_share)
-        following = moved(state, current_a, current_a, dt_s, *more)
-        for _ in range(2):
-            end_a = node(following, end_w, p0_share, 2)["current_a"]
-            following = moved(state, current_a, end_a, dt_s, *more)
+        # The state at the end is a variable of the solver too, so that the current there needs no search.
+        end_a = node(after, end_w, p0_share, 2)["current_a"]
+        following = moved(state, current_a, end_a, dt_s, *more, after=after)
         e_v, r_ohm = source(state, start_w)
         self.rest = rest
-        #: How far a state may go from rest: the temperature by 100 K.
-        self.wide = [100.0 if more and k == 1 else 1.0 for k in range(len(rest))]
-        shown = [voltage_v, voltage_v + share_ohm * current_a, 4 * r_ohm * start_w / e_v**2]
+        #: How far a state may go from rest: the temperature by 100 K, a voltage by 1 V.
+        self.wide = [CHARGE_REACH, *(1.0 for _ in rest[1:])]
+        if more:
+            self.wide[1] = 100.0
+        cell_v = voltage_v + share_ohm * current_a
+        open_v = float(names["ocv_v"](ca.DM(pack.soc)))
+        loss_v = open_v - cell_v
+        half_v = ca.sqrt(band[0] ** 2 + (band[1] * loss_v) ** 2 + 1e-12)
+        # Under a power, a lower voltage takes more current, and sinks further.
+        half_v *= cell_v / ca.fmax(cell_v - loss_v, 0.2 * cell_v)
+        shown = [voltage_v, cell_v, 4 * r_ohm * start_w / e_v**2, half_v]
         self.p0_share = p0_share
         self.look = ca.Function("look", [state, start_w], shown)
-        self.advance = ca.Function("advance", [state, start_w, end_w, dt_s], [following])
+        self.advance = ca.Function("advance", [state, start_w, after, end_w, dt_s], [following])

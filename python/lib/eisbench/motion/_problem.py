@@ -46,13 +46,15 @@ class Phase:
 
 @dataclass
 class Options:
-    """Intervals of each phase, the seed of a random start (none: the built-in one) and the reach of
-    its powers of a cell, and limits and settings of IPOPT."""
+    """Intervals of each phase; the start, that is a motion of equal intervals (none: the built-in one);
+    the seed of a random start around it and the reach of its powers of a cell; limits and settings of
+    IPOPT."""
 
     flat: int = 8
     toe: int = 4
     flight: int = 6
     landing: int = 8
+    start: Optional[Motion] = None
     seed: Optional[int] = None
     reach_w: float = 100.0
     max_iterations: int = 500
@@ -115,8 +117,12 @@ class Problem:
     def phase(self, phase: Phase, pose_from: Any, pose_to: Any) -> dict[str, Any]:
         """Adds a phase that begins where the last one ended; gives its points."""
         ca, robot, first = self.ca, self.robot, not self.phases
-        span = self.variable(phase.shortest_s, phase.longest_s, phase.guess_s, phase.guess_s)
-        points = self._points(phase, pose_from, pose_to)
+        rows = self._rows(phase)
+        guess_s = phase.guess_s
+        if self.options.start is not None:
+            guess_s = np.ptp(self.options.start.time_s[rows])
+        span = self.variable(phase.shortest_s, phase.longest_s, guess_s, phase.guess_s)
+        points = self._points(phase, pose_from, pose_to, rows)
         q, v, a, torque, force = (points[key] for key in "qvatf")
         count, locked = q.shape[1], phase.locked
         step = span / phase.intervals
@@ -176,7 +182,21 @@ class Problem:
             k for k in range(6) if k not in phase.locked or (k == 0 and phase.name == "landing")
         ]
 
-    def _points(self, phase: Phase, pose_from: Any, pose_to: Any) -> dict[str, Any]:
+    def _rows(self, phase: Phase) -> slice:
+        """Rows of the points of the next phase in a motion."""
+        begin = sum(2 * before.intervals + 1 for before in self.phases)
+        rows = slice(begin, begin + 2 * phase.intervals + 1)
+        start = self.options.start
+        if start is not None:
+            expected = [phase.name] * (rows.stop - rows.start)
+            if start.phase[rows] != expected:
+                what = f"{phase.intervals} intervals of {phase.name} after row {begin}"
+                raise EisError(f"Options.start: expected a motion with {what}, met another mesh")
+        return rows
+
+    def _points(
+        self, phase: Phase, pose_from: Any, pose_to: Any, rows: slice
+    ) -> dict[str, Any]:
         count = 2 * phase.intervals + 1
         share = np.linspace(0, 1, count)
         poses = np.outer(np.asarray(pose_from), 1 - share) + np.outer(np.asarray(pose_to), share)
@@ -194,15 +214,22 @@ class Problem:
         most = {"flight": [0, 0, 0], "toe": [1e4, 1e4, 0]}.get(phase.name, [1e4, 1e4, 1e4])
         weight = self.robot.mass_kg * self.robot.gravity_m_s2
         force = np.minimum([0.0, weight / 2, weight / 2], most)
+        zero = np.zeros(6)
+        starts = [(pose, zero, zero, np.zeros(3), force, 10.0) for pose in poses.T]
+        found = self.options.start
+        if found is not None:
+            cells = self.law.pack.cells if self.law.pack is not None else 1
+            columns = (found.q, found.v, found.a, found.torque_nm / torque, found.force_n)
+            starts = list(zip(*(column[rows] for column in (*columns, found.bus_w / cells))))
         points: dict[str, list[Any]] = {key: [] for key in SIZES}
-        for pose in poses.T:
-            points["q"].append(self.variable(low, high, np.clip(pose, low, high), SIZES["q"], 0.3))
-            points["v"].append(self.variable(-fast, fast, np.zeros(6), SIZES["v"]))
-            points["a"].append(self.variable(-hard, hard, np.zeros(6), SIZES["a"]))
-            points["t"].append(torque * self.variable(-np.ones(3), 1, np.zeros(3)))
-            points["f"].append(self.variable([-most[0], 0, 0], most, force, SIZES["f"]))
+        for q, v, a, t, f, p in starts:
+            points["q"].append(self.variable(low, high, np.clip(q, low, high), SIZES["q"], 0.3))
+            points["v"].append(self.variable(-fast, fast, v, SIZES["v"]))
+            points["a"].append(self.variable(-hard, hard, a, SIZES["a"]))
+            points["t"].append(torque * self.variable(-np.ones(3), 1, t))
+            points["f"].append(self.variable([-most[0], 0, 0], most, f, SIZES["f"]))
             if self.cell is not None:
-                points["p"].append(self.variable(-1e3, 2e3, 10.0, SIZES["p"], self.options.reach_w))
+                points["p"].append(self.variable(-1e3, 2e3, p, SIZES["p"], self.options.reach_w))
                 rest = np.array(self.cell.rest)
                 wide = np.array(self.cell.wide)
                 points["x"].append(self.variable(rest - wide, rest + wide, rest, reach=0.0))
@@ -221,19 +248,34 @@ class Problem:
         else:
             pack, power, state = law.pack, points["p"], points["x"]
             self.require((power - bus / pack.cells) / SIZES["p"])
-            terminal_v, cell_v, share = self.cell.look.map(count)(state, power)
-            self.require(cell_v, *pack.window_v)
+            terminal_v, cell_v, share, half_v = self.cell.look.map(count)(state, power)
+            added_v = ca.DM(self._correction_v(count)).T
+            terminal_v, cell_v = terminal_v + added_v, cell_v + added_v
+            low_v, high_v = pack.window_v
+            self.require(cell_v - half_v, low_v, math.inf)
+            self.require(cell_v + half_v, -math.inf, high_v)
             # A plan has powers up to P₀ only; the tangent beyond is for the way to it.
             self.require(share, -math.inf, self.cell.p0_share)
-            points["ccv"] = pack.series * terminal_v
+            points["ccv"], points["half"] = pack.series * terminal_v, pack.series * half_v
             steps = ca.repmat(step, 1, count - 1)
             advance = self.cell.advance.map(count - 1)
-            following = advance(state[:, :-1], power[:, :-1], power[:, 1:], steps)
+            following = advance(state[:, :-1], power[:, :-1], state[:, 1:], power[:, 1:], steps)
             self.require(state[:, 1:] - following)
             if first:
                 self.require(state[:, 0] - ca.DM(self.cell.rest))
+        least_v = points["ccv"] - points.get("half", 0)
         for sign in (1, -1):
-            self.require((ca.repmat(points["ccv"], 3, 1) + sign * voltage) / 10, 0, math.inf)
+            self.require((ca.repmat(least_v, 3, 1) + sign * voltage) / 10, 0, math.inf)
+
+    def _correction_v(self, count: int) -> NDArray[np.float64]:
+        """What the law adds to the voltage of a cell at the points of the next phase."""
+        added_v, begin = self.law.correction_v, sum(p["q"].shape[1] for p in self.points)
+        if added_v is None:
+            return np.zeros(count)
+        if added_v.size < begin + count:
+            expected = f"a voltage for each point of the motion, at least {begin + count}"
+            raise EisError(f"correction_v: expected {expected}, met {added_v.size}")
+        return added_v[begin : begin + count]
 
     def _joined(self, phase: Phase, points: dict[str, Any]) -> None:
         """The points of two phases at the instant that they share."""
@@ -317,6 +359,8 @@ class Problem:
         margin_low_v = margin_high_v = np.full(count, np.nan)
         if self.cell is not None and pack is not None:
             cell_v = np.asarray(self.cell.look.map(count)(at["state"], at["power"])[1]).ravel()
+            if self.law.correction_v is not None:
+                cell_v = cell_v + self.law.correction_v[:count]
             margin_low_v, margin_high_v = cell_v - pack.window_v[0], pack.window_v[1] - cell_v
         bus_w, ccv_v = at["bus"].ravel(), at["ccv"].ravel()
         joint_w = self.robot.legs * at["torque"] * np.asarray(joint_angles(self.ca.DM(at["v"])))
