@@ -24,7 +24,7 @@ pub use branch_step::{BranchEnd, BranchStep, Drive};
 pub use charge_transfer::ChargeTransfer;
 pub use check::MapError;
 pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
-pub use error::{BAND_SIGMAS, ErrorSource, VoltageError};
+pub use error::{BAND_SIGMAS, ErrorSource, RUN_SIGMAS, VoltageError};
 pub use place::{Outside, Place, arrhenius};
 pub use values::MapValues;
 
@@ -185,6 +185,9 @@ impl CellMap {
             zero_or_more("voltage_error.rest_v", &[error.rest_v])?;
             zero_or_more("voltage_error.soc", &[error.soc])?;
             zero_or_more("voltage_error.share", &error.share)?;
+            if let Some(factor) = error.whole_runs {
+                positive("voltage_error.whole_runs", factor)?;
+            }
         }
         Ok(())
     }

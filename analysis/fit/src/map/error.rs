@@ -11,12 +11,14 @@ use super::solve::Normal;
 use super::train::{CORRELATION_S, ERROR_V, SOC_ERROR, Train};
 use crate::drt::nonnegative;
 use analysis_model::{
-    map::{BAND_SIGMAS, CellMap, ErrorSource, Place, VoltageError},
+    map::{BAND_SIGMAS, CellMap, ErrorSource, Place, RUN_SIGMAS, VoltageError},
     ocv::OcvCurve,
 };
 use analysis_signal::series::Role;
 use nalgebra::{DMatrix, DVector};
 
+/// Share of the pieces of logs that a band for whole runs holds.
+const RUN_PROBABILITY: f64 = 0.95;
 /// Pieces of a log.
 pub(super) const PIECES: usize = 6;
 /// Time above SOC 0.1 that held-out logs must have to show the error, s: some correlation times.
@@ -120,6 +122,51 @@ pub(super) fn write(
     }
     let all: Vec<&Squares> = unseen.iter().flatten().collect();
     map.voltage_error = measure(from, &all);
+    let farthest = logs.iter().zip(&*errors).filter_map(|(log, errors)| {
+        let errors_v = errors.unseen(from, log)?;
+        Some(farthest(map, ocv, log, &errors.lasting_v, errors_v))
+    });
+    let factor = whole_runs(farthest.flatten().collect());
+    if let Some(error) = &mut map.voltage_error {
+        error.whole_runs = factor;
+    }
+}
+
+/// Largest error of each piece of a log above SOC 0.1, over the half width of the band for whole runs.
+pub(super) fn farthest(
+    map: &CellMap,
+    ocv: &OcvCurve,
+    log: &Log,
+    lasting_v: &[f64],
+    errors_v: &[f64],
+) -> Vec<f64> {
+    let samples = &log.samples;
+    let of_row = |k: usize| {
+        let soc = samples.soc[k];
+        let at = map.place(soc, samples.temperature_degc[k]);
+        let sigma_v = map.sigma_v(&at, ocv.slope_v(soc), lasting_v[k])?;
+        Some(errors_v[k].abs() / (RUN_SIGMAS * sigma_v))
+    };
+    let mut pieces = vec![None; PIECES];
+    let per_piece = log.len().div_ceil(PIECES);
+    for k in counted(log, 1)
+        .map(|(k, _)| k)
+        .filter(|k| errors_v[*k].is_finite())
+    {
+        let piece: &mut Option<f64> = &mut pieces[k / per_piece];
+        *piece = of_row(k).into_iter().chain(*piece).reduce(f64::max);
+    }
+    pieces.into_iter().flatten().collect()
+}
+
+/// Factor that widens the band so that it holds 95 % of all pieces, and of one more like them with 95 %:
+/// the value of that rank (split conformal prediction), or the largest of few.
+pub(super) fn whole_runs(mut farthest: Vec<f64>) -> Option<f64> {
+    farthest.retain(|far| far.is_finite() && *far > 0.0);
+    farthest.sort_by(f64::total_cmp);
+    let rank = (RUN_PROBABILITY * (farthest.len() + 1) as f64).ceil() as usize;
+    let last = farthest.len().checked_sub(1)?;
+    farthest.get((rank.saturating_sub(1)).min(last)).copied()
 }
 
 /// Squares of the errors of a log, what they are fitted to, and the time that each stands for, s.
@@ -180,6 +227,7 @@ fn measure(from: ErrorSource, logs: &[&Squares]) -> Option<VoltageError> {
         soc: SOC_ERROR * share[0].sqrt(),
         share: share.iter().skip(1).map(|s| s.sqrt()).collect(),
         from,
+        whole_runs: None,
     })
 }
 

@@ -1,7 +1,7 @@
 use super::design::Design;
 use super::error::*;
 use super::log::Log;
-use super::score::residuals;
+use super::score::{predict, residuals};
 use super::solution::Solution;
 use super::solve::START;
 use super::tests::{curve, log, of_logs, options};
@@ -149,4 +149,37 @@ fn held_out_logs_that_say_too_little_leave_the_error_to_pieces() {
     assert!(fit.logs[0].left_out_rms_v.is_some() && fit.logs[1].left_out_rms_v.is_none());
     // No other log shows a band for the only one with pieces.
     assert_eq!(fit.logs[0].covered, None);
+}
+
+#[test]
+fn the_factor_for_whole_runs_has_the_rank_of_95_percent_of_the_pieces() {
+    let pieces = |count: u32| (1..=count).map(f64::from).collect();
+    // 0.95 of 40 is 38.
+    assert_eq!(whole_runs(pieces(39)), Some(38.0));
+    // The rank is beyond the pieces: the largest.
+    assert_eq!(whole_runs(pieces(10)), Some(10.0));
+    assert_eq!(whole_runs(Vec::new()), None);
+}
+
+#[test]
+fn the_band_for_whole_runs_holds_the_pieces_of_the_logs_that_show_it() {
+    let logs = [
+        bent("warm", 25.0, 1, Role::Train),
+        bent("cold", 0.0, 2, Role::Train),
+        bent("warm too", 25.0, 3, Role::Train),
+    ];
+    let fit = fit_map(&of_logs(logs), &curve(), &options()).unwrap();
+    let factor = fit.map.voltage_error.as_ref().unwrap().whole_runs.unwrap();
+    let other = Log::new(&bent("other", 12.0, 5, Role::HeldOut), &curve()).unwrap();
+    let of_other = predict(&fit.map, &other, fit.lag_s);
+    let errors_v = &of_other.residual_v;
+    let farthest = farthest(&fit.map, &curve(), &other, &of_other.lasting_v, errors_v);
+    assert_eq!(farthest.len(), PIECES);
+    let inside = farthest.iter().filter(|far| **far <= factor).count();
+    assert!(inside >= PIECES - 1, "{farthest:?} {factor}");
+    // It is no wider than the pieces need.
+    assert!(
+        farthest.iter().any(|far| *far > 0.5 * factor),
+        "{farthest:?} {factor}"
+    );
 }

@@ -124,7 +124,7 @@ pub fn fit_map(
         .map_err(|error| MapFitError::Series(error.to_string()))?;
     let of_logs = logs
         .iter()
-        .map(|log| LogErrors::new(score::residuals(&map, log, train.lag_s)));
+        .map(|log| LogErrors::new(score::predict(&map, log, train.lag_s)));
     let mut errors: Vec<LogErrors> = of_logs.collect();
     let from = error::source(&logs);
     if from == ErrorSource::LeftOut {

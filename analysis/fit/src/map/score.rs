@@ -56,6 +56,8 @@ impl LogScore {
 pub(super) struct LogErrors {
     /// Measured less predicted voltage of the map.
     pub(super) of_map: Vec<f64>,
+    /// [`Predicted::lasting_v`] of the map.
+    pub(super) lasting_v: Vec<f64>,
     /// That of maps that are fitted without the piece that they predict.
     pub(super) left_out: Option<Vec<f64>>,
     /// Share of the samples in the band that the other unseen logs show.
@@ -63,9 +65,10 @@ pub(super) struct LogErrors {
 }
 
 impl LogErrors {
-    pub(super) fn new(of_map: Vec<f64>) -> Self {
+    pub(super) fn new(of_map: Predicted) -> Self {
         Self {
-            of_map,
+            of_map: of_map.residual_v,
+            lasting_v: of_map.lasting_v,
             left_out: None,
             covered: None,
         }
@@ -263,33 +266,55 @@ pub(super) fn scales(
 
 /// Measured less predicted voltage, V, at each sample of a log whose voltage lags its current.
 pub(super) fn residuals(map: &CellMap, log: &Log, lag_s: f64) -> Vec<f64> {
+    predict(map, log, lag_s).residual_v
+}
+
+/// What a map predicts of a log.
+pub(super) struct Predicted {
+    /// Measured less predicted voltage at each sample, V.
+    pub(super) residual_v: Vec<f64>,
+    /// Overpotential at each sample without signs, V: that of the series resistance, and of each branch
+    /// the largest so far, which fades with its time constant.
+    pub(super) lasting_v: Vec<f64>,
+}
+
+/// Predicts a log whose voltage lags its current.
+pub(super) fn predict(map: &CellMap, log: &Log, lag_s: f64) -> Predicted {
     let samples = &log.samples;
     let current_a = log.lagged_a(lag_s);
     let count = map.branches.len();
     let (mut v, mut branch_ohm) = (vec![0.0; count], vec![0.0; count]);
     let mut before = vec![Drive::new(None, 0.0, 0.0); count];
-    let mut residuals = Vec::with_capacity(log.len());
+    let (mut residual_v, mut lasting_v) = (Vec::new(), Vec::new());
+    let mut largest_v = vec![0.0_f64; count];
     for k in 0..log.len() {
         let (soc, degc, i) = (samples.soc[k], samples.temperature_degc[k], current_a[k]);
         let values = map.values(soc, degc, &mut branch_ohm);
         let branches = map.branches.iter().zip(&branch_ohm);
-        for ((v, before), (branch, r_ohm)) in v.iter_mut().zip(&mut before).zip(branches) {
+        let states = v.iter_mut().zip(&mut before).zip(&mut largest_v);
+        for (((v, before), largest_v), (branch, r_ohm)) in states.zip(branches) {
             let drive = values.drive(branch.tau_s, *r_ohm, i);
             if log.begins_at(k) {
                 *v = 0.0;
+                *largest_v = 0.0;
             } else {
                 let step_s = samples.time_s[k] - samples.time_s[k - 1];
                 *v = BranchStep::new(step_s, branch.tau_s)
                     .bent_end(*v, *before, drive)
                     .v;
+                *largest_v = (*largest_v * (-step_s / branch.tau_s).exp()).max(v.abs());
             }
             *before = drive;
         }
         let ocv_v = samples.ocv_v[k] + values.correction_v;
         let predicted_v = ocv_v - values.r_ohm * i - v.iter().sum::<f64>();
-        residuals.push(samples.voltage_v[k] - predicted_v);
+        residual_v.push(samples.voltage_v[k] - predicted_v);
+        lasting_v.push((values.r_ohm * i).abs() + largest_v.iter().sum::<f64>());
     }
-    residuals
+    Predicted {
+        residual_v,
+        lasting_v,
+    }
 }
 
 /// Time over which residuals are correlated, s: twice the integral of their autocorrelation up to

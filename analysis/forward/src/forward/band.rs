@@ -6,6 +6,7 @@
 //! 1.96 standard deviations holds 95 % of the instants, and fewer whole runs.
 
 use super::law::Demand;
+use super::model::SimModel;
 use super::trace::Trace;
 use analysis_numeric::stats::chi2_tail;
 use serde::Serialize;
@@ -16,7 +17,7 @@ pub const RUN_PROBABILITY: f64 = 0.95;
 /// What is wrong with a prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RunError<'a> {
-    /// The stated error of a map, in [`Trace::cell_sigma_v`]: one at rest, and one of the resistance.
+    /// The stated error of a map: one at rest, and one of the resistances.
     Map,
     /// The parameters of a fit: their number, and the standard deviation of the voltage of a cell at each
     /// row, at the demand of the row, V.
@@ -40,34 +41,39 @@ pub struct RunBand {
 }
 
 impl RunBand {
-    /// Returns the band of a run of cells in series. Cells whose resistances scatter by `cell_share` of
-    /// them, as a standard deviation, add that share of the overpotential. `None` if the trace states no
-    /// error, or if its rows have none.
+    /// Returns the band of a run. Cells whose resistances scatter by `cell_share` of them, as a standard
+    /// deviation, add that share of the overpotential. `None` if the model states no error, or if a row
+    /// has none.
     pub fn new(
+        model: &SimModel,
         trace: &Trace,
         demand: Demand,
-        series: u32,
         error: RunError<'_>,
         cell_share: f64,
     ) -> Option<Self> {
-        let (terms, sigma_v) = match error {
-            RunError::Map => (2, trace.cell_sigma_v.as_slice()),
-            RunError::Parameters(count, sigma_v) => (count, sigma_v),
+        let losses_v = lasting_losses_v(model, trace);
+        let (terms, own_v): (usize, Vec<f64>) = match error {
+            RunError::Map => {
+                let at_row = |(k, loss_v): (usize, &f64)| {
+                    let sigma_v = map_sigma_v(model, trace, k, *loss_v)?;
+                    Some(sigma_v * growth(trace, demand, k))
+                };
+                let rows = losses_v.iter().enumerate().map(at_row);
+                (2, rows.collect::<Option<_>>()?)
+            }
+            RunError::Parameters(count, sigma_v) => (count, sigma_v.to_vec()),
         };
-        if sigma_v.len() != trace.time_s.len() || sigma_v.is_empty() {
+        if own_v.len() != trace.time_s.len() || own_v.is_empty() {
             return None;
         }
-        let sigmas = factor(terms);
-        let at_row = |(k, sigma_v): (usize, &f64)| {
-            let grows = growth(trace, demand, k);
-            let loss_v = trace.ocv_v[k] / f64::from(series) - trace.cell_v[k];
-            let own = match error {
-                RunError::Map => sigma_v * grows,
-                RunError::Parameters(..) => *sigma_v,
-            };
-            sigmas * own.hypot(cell_share * loss_v * grows)
-        };
-        let half_v: Vec<f64> = sigma_v.iter().enumerate().map(at_row).collect();
+        let measured = model
+            .map()
+            .and_then(|map| map.voltage_error.as_ref()?.whole_runs);
+        let sigmas = factor(terms) * measured.unwrap_or(1.0);
+        let scattered = losses_v.iter().enumerate();
+        let scattered = scattered.map(|(k, loss_v)| cell_share * loss_v * growth(trace, demand, k));
+        let both = own_v.iter().zip(scattered);
+        let half_v: Vec<f64> = both.map(|(own, cells)| sigmas * own.hypot(cells)).collect();
         let (mut area_vs, mut all_s) = (0.0, 0.0);
         for (times, halves) in trace.time_s.windows(2).zip(half_v.windows(2)) {
             let step_s = times[1] - times[0];
@@ -87,6 +93,39 @@ impl RunBand {
         };
         band.mean_half_v.is_finite().then_some(band)
     }
+}
+
+/// Standard deviation by the stated error of a map at a row, V, for an overpotential of a cell.
+fn map_sigma_v(model: &SimModel, trace: &Trace, k: usize, loss_v: f64) -> Option<f64> {
+    let map = model.map()?;
+    let at = map.place(trace.soc[k], *trace.temperature_degc.get(k)?);
+    let slope_v = model.curve_v(trace.soc[k]).1 / f64::from(model.pack.series);
+    map.sigma_v(&at, slope_v, loss_v)
+}
+
+/// Overpotential of a cell at each row without signs, V: that of the series resistance, and of each
+/// branch the largest so far, which fades with its time constant. After a current has changed its sign
+/// the parts cancel in the voltage, but their errors do not.
+fn lasting_losses_v(model: &SimModel, trace: &Trace) -> Vec<f64> {
+    let series = f64::from(model.pack.series);
+    let time_constants_s: Vec<f64> = match model.map() {
+        Some(map) => map.branches.iter().map(|branch| branch.tau_s).collect(),
+        None => model.erm.branches.iter().map(|b| b.r_ohm * b.c_f).collect(),
+    };
+    let mut lasting_v = vec![0.0_f64; time_constants_s.len().min(trace.v_rc_v.len())];
+    let rows = (0..trace.time_s.len()).map(|k| {
+        let step_s = trace.time_s[k] - trace.time_s[k.saturating_sub(1)];
+        let whole_v = trace.ocv_v[k] / series - trace.cell_v[k];
+        let mut of_branches_v = 0.0;
+        for (branch, lasting_v) in lasting_v.iter_mut().enumerate() {
+            let now_v = trace.v_rc_v[branch][k] / series;
+            let faded_v = *lasting_v * (-step_s / time_constants_s[branch]).exp();
+            *lasting_v = faded_v.max(now_v.abs());
+            of_branches_v += now_v;
+        }
+        (whole_v - of_branches_v).abs() + lasting_v.iter().sum::<f64>()
+    });
+    rows.collect()
 }
 
 /// How much a change of the source moves the voltage at the demand of a row: under a power, a lower
@@ -116,14 +155,35 @@ fn factor(terms: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::forward::OcvSource;
+    use analysis_model::model::{Erm, RcBranch};
+    use analysis_model::pack::Pack;
 
+    /// Two cells in series, of a branch of 2 s.
+    fn model() -> SimModel {
+        let cell = Erm {
+            r_ohm: 0.1,
+            branches: vec![RcBranch {
+                r_ohm: 0.02,
+                c_f: 100.0,
+            }],
+        };
+        SimModel::pack(
+            &cell,
+            OcvSource::Constant(3.7),
+            Pack::new(2, 1, 0.0).unwrap(),
+        )
+        .unwrap()
+    }
+
+    /// A discharge, and a rest at which the branch holds 0.2 V of each cell.
     fn trace() -> Trace {
         Trace {
             time_s: vec![0.0, 1.0, 3.0],
-            ccv_v: vec![7.4, 6.0, 6.4],
-            cell_v: vec![3.7, 3.0, 3.2],
+            ccv_v: vec![7.4, 6.0, 7.0],
+            cell_v: vec![3.7, 3.0, 3.5],
             ocv_v: vec![7.4, 7.4, 7.4],
-            cell_sigma_v: vec![0.001, 0.004, 0.003],
+            v_rc_v: vec![vec![0.0, 0.4, 0.4]],
             ..Trace::default()
         }
     }
@@ -136,8 +196,10 @@ mod tests {
     }
 
     #[test]
-    fn under_a_current_the_band_is_a_multiple_of_sigma() {
-        let band = RunBand::new(&trace(), Demand::Current, 2, RunError::Map, 0.0).unwrap();
+    fn the_band_is_a_multiple_of_sigma_over_the_run() {
+        let sigma_v = [0.001, 0.004, 0.003];
+        let error = RunError::Parameters(2, &sigma_v);
+        let band = RunBand::new(&model(), &trace(), Demand::Power, error, 0.0).unwrap();
         let sigmas = 5.991_465_f64.sqrt();
         for (half_v, sigma_v) in band.half_v.iter().zip([0.001, 0.004, 0.003]) {
             assert!((half_v - sigmas * sigma_v).abs() < 1e-8);
@@ -149,31 +211,51 @@ mod tests {
     }
 
     #[test]
-    fn under_a_power_the_band_is_wider_and_infinite_at_the_largest_power() {
-        let held = RunBand::new(&trace(), Demand::Current, 2, RunError::Map, 0.0).unwrap();
-        let power = RunBand::new(&trace(), Demand::Power, 2, RunError::Map, 0.0).unwrap();
-        assert!((power.half_v[0] - held.half_v[0]).abs() < 1e-12);
+    fn under_a_power_a_share_grows_and_is_infinite_at_the_largest_power() {
+        let share = |trace: &Trace, demand| {
+            let sigma_v = [0.0; 3];
+            let error = RunError::Parameters(1, &sigma_v);
+            RunBand::new(&model(), trace, demand, error, 0.02)
+        };
+        let held = share(&trace(), Demand::Current).unwrap();
+        let power = share(&trace(), Demand::Power).unwrap();
+        // Of 0.7 V, whose parts have one sign.
+        let expected_v = 3.841_459_f64.sqrt() * 0.02 * 0.7;
+        assert!((held.half_v[1] - expected_v).abs() < 1e-8);
         // 6 V of 7.4 V: 6 / (12 − 7.4).
         assert!((power.half_v[1] / held.half_v[1] - 6.0 / 4.6).abs() < 1e-9);
         // The largest power takes half of the voltage.
         let mut deep = trace();
         deep.ccv_v[1] = 3.7;
-        assert_eq!(
-            RunBand::new(&deep, Demand::Power, 2, RunError::Map, 0.0),
-            None
+        assert_eq!(share(&deep, Demand::Power), None);
+    }
+
+    #[test]
+    fn parts_that_cancel_in_the_voltage_count_in_the_band() {
+        let mut crossed = trace();
+        // A charge of 0.2 V over the series resistance cancels the branch.
+        crossed.cell_v[2] = 3.7;
+        crossed.ccv_v[2] = 7.4;
+        let losses_v = lasting_losses_v(&model(), &crossed);
+        assert!((losses_v[2] - 0.4).abs() < 1e-12, "{losses_v:?}");
+        // A branch that a charge has emptied fades with its time constant: 0.2 V after 2 of 2 s.
+        crossed.v_rc_v[0][2] = 0.0;
+        let losses_v = lasting_losses_v(&model(), &crossed);
+        assert!(
+            (losses_v[2] - 0.2 * f64::exp(-1.0)).abs() < 1e-12,
+            "{losses_v:?}"
         );
     }
 
     #[test]
-    fn scattering_cells_add_a_share_of_the_overpotential() {
-        let sigma_v = [0.0; 3];
-        let error = RunError::Parameters(1, &sigma_v);
-        let band = RunBand::new(&trace(), Demand::Current, 2, error, 0.02).unwrap();
-        let expected_v = 3.841_459_f64.sqrt() * 0.02 * (3.7 - 3.0);
-        assert!((band.half_v[1] - expected_v).abs() < 1e-8);
-        let short = RunError::Parameters(1, &sigma_v[..2]);
+    fn rows_without_an_error_have_no_band() {
+        let error = RunError::Parameters(1, &[0.0; 2]);
         assert_eq!(
-            RunBand::new(&trace(), Demand::Current, 2, short, 0.02),
+            RunBand::new(&model(), &trace(), Demand::Current, error, 0.02),
+            None
+        );
+        assert_eq!(
+            RunBand::new(&model(), &trace(), Demand::Current, RunError::Map, 0.0),
             None
         );
     }

@@ -19,7 +19,15 @@ pub struct VoltageError {
     pub share: Vec<f64>,
     /// Data that show it.
     pub from: ErrorSource,
+    /// Factor on the standard deviation that a band for a whole run needs beside that of χ² of two terms, as
+    /// whole pieces of the logs show; none in files of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub whole_runs: Option<f64>,
 }
+
+/// √χ² of two degrees of freedom with 95 %: half width of a band that holds a whole run, over the standard
+/// deviation, if a constant error at rest and one of the resistances are all that is wrong.
+pub const RUN_SIGMAS: f64 = 2.447_746_830_680_816;
 
 /// Data that show the error of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -9,6 +9,14 @@ use analysis::{
     map::ErrorSource,
 };
 
+/// A run, and what was asked.
+pub(super) struct Played<'a> {
+    pub(super) state: &'a SimState,
+    pub(super) profile: &'a Profile,
+    pub(super) options: &'a SimOptions,
+    pub(super) run: &'a Simulation,
+}
+
 /// What the uncertainty of a model does to a run.
 #[derive(Debug, Default)]
 pub(super) struct Uncertainty {
@@ -25,14 +33,11 @@ impl Uncertainty {
     pub(super) fn of(
         file: &GivenModel,
         model: &SimModel,
-        (state, profile, options): (&SimState, &Profile, &SimOptions),
-        run: &Simulation,
+        played: &Played<'_>,
         cell_share: f64,
     ) -> Result<Self, ForwardError> {
-        let band = |error| {
-            let (trace, demand) = (&run.trace, profile.demand);
-            RunBand::new(trace, demand, model.pack.series, error, cell_share)
-        };
+        let Played { profile, run, .. } = played;
+        let band = |error| RunBand::new(model, &run.trace, profile.demand, error, cell_share);
         if file.map.is_some() {
             return Ok(Self {
                 band: band(RunError::Map),
@@ -49,7 +54,7 @@ impl Uncertainty {
         // a million.
         let step_s = (run.summary.simulated_s / run.summary.steps.max(1) as f64)
             .max(profile.duration_s() / 2.5e5);
-        let rows = sensitivity(model, state, profile, options.beyond, step_s)?.rows;
+        let rows = sensitivity(model, played.state, profile, played.options.beyond, step_s)?.rows;
         let values = values(file, model);
         let lowest = rows.iter().min_by(|a, b| a.ccv_v.total_cmp(&b.ccv_v));
         let slopes_v = lowest.map_or_else(Vec::new, |row| slopes_of(&values, row));

@@ -16,7 +16,7 @@ use analysis::{
 };
 use serde::Serialize;
 
-use super::band::Uncertainty;
+use super::band::{Played, Uncertainty};
 use crate::command::model_args;
 use bench_plan::support::terminal::say;
 
@@ -92,8 +92,13 @@ impl Case {
                 largest_scale(&bare, &rest, &profile, &scale)?,
             ]),
         };
-        let run = (state, &profile, &options);
-        let uncertainty = Uncertainty::of(file, model, run, &full, assumed.sigma_r)?;
+        let played = Played {
+            state,
+            profile: &profile,
+            options: &options,
+            run: &full,
+        };
+        let uncertainty = Uncertainty::of(file, model, &played, assumed.sigma_r)?;
         Ok(Self {
             profile,
             full,

@@ -213,6 +213,7 @@ fn mapped() -> CellModel {
                 soc: 0.004,
                 share: vec![0.1, 0.05],
                 from: ErrorSource::LeftOut,
+                whole_runs: None,
             }),
         }),
         ..cell()

@@ -221,6 +221,7 @@ fn a_map_that_states_its_error_gives_each_row_a_standard_deviation() {
         soc: 0.01,
         share: vec![0.2, 0.1],
         from: ErrorSource::HeldOut,
+        whole_runs: None,
     };
     let mut map = map(|_, _| 1.0, None);
     map.ocv_offset_v = vec![0.02; 3];
