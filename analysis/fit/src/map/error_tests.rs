@@ -166,7 +166,8 @@ fn the_band_for_whole_runs_holds_the_pieces_of_the_logs_that_show_it() {
     let logs = [
         bent("warm", 25.0, 1, Role::Train),
         bent("cold", 0.0, 2, Role::Train),
-        bent("warm too", 25.0, 3, Role::Train),
+        bent("warm too", 25.0, 3, Role::HeldOut),
+        bent("cold too", 0.0, 4, Role::HeldOut),
     ];
     let fit = fit_map(&of_logs(logs), &curve(), &options()).unwrap();
     let factor = fit.map.voltage_error.as_ref().unwrap().whole_runs.unwrap();
