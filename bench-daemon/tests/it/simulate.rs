@@ -91,6 +91,57 @@ fn a_pulse_on_the_pack_has_the_fixed_fields_and_the_voltage_of_its_resistances()
 }
 
 #[test]
+fn the_band_of_a_run_counts_all_parameters_and_scattering_cells() {
+    let folder = fitted();
+    std::fs::write(
+        folder.path().join("pulse.csv"),
+        "time_s,current_a\n0,30\n100,0\n101,0\n",
+    )
+    .unwrap();
+    let base = [
+        "simulate",
+        "--model",
+        "p45b/model_4rc.json",
+        "--profile",
+        "pulse.csv",
+        "--series",
+        "16",
+        "--parallel",
+        "3",
+        "--ocv-v",
+        "3.72",
+    ];
+    let with = |more: &[&str]| program_in(folder.path(), &[&base[..], more].concat());
+    let alone = with(&["--json"]).json();
+    let half_v = number(&alone["band"], "most_half_v");
+    // √χ²₉ of 95 % is 4.113; the lowest voltage is the least certain one.
+    let sigma_v = number(&alone, "min_ccv_sigma_v") / 16.0;
+    assert!((half_v / sigma_v - 4.113).abs() < 0.01, "{alone}");
+    let lowest_v = number(&alone, "margin_low_v") + 2.5;
+    let edge_v = number(&alone["band"], "lowest_v");
+    assert!((lowest_v - half_v - edge_v).abs() < 1e-6, "{alone}");
+    // Cells with 2 % more or less: 10 A on 13.78 mΩ.
+    let scattered = with(&["--sigma-r", "0.02", "--json"]).json();
+    let expected_v = 4.113 * sigma_v.hypot(0.02 * 10.0 * 0.013_78);
+    let most_v = number(&scattered["band"], "most_half_v");
+    assert!((most_v / expected_v - 1.0).abs() < 0.01, "{scattered}");
+    let text = with(&["--sigma-r", "0.02"]).ok();
+    assert!(
+        text.contains("pulse: with 95 % the whole voltage of a cell lies within ± "),
+        "{text}"
+    );
+    let refused = with(&["--sigma-r", "2"]);
+    assert_eq!(refused.code, Some(2));
+    assert!(
+        refused
+            .stderr
+            .contains("expected a share from 0 to below 1"),
+        "{}",
+        refused.stderr
+    );
+}
+
+#[test]
 fn too_much_power_is_a_result_and_the_tangent_goes_on() {
     let folder = fitted();
     std::fs::write(

@@ -116,7 +116,10 @@ fn simulate_takes_a_model_in_each_way_and_invents_no_uncertainty() {
         // % away.
         near(&found["min_ccv_v"], 3.72 - 10.0 * dc_ohm, 5e-4);
         near(&found["simple_ir"]["dcir_ohm"], dc_ohm, 1e-5);
-        assert!(found["min_ccv_sigma_v"].is_null(), "{found}");
+        assert!(
+            found["min_ccv_sigma_v"].is_null() && found["band"].is_null(),
+            "{found}"
+        );
         told.push(found);
     }
     let notes = |k: usize| told[k]["notes"].to_string();
