@@ -127,7 +127,9 @@ fn the_band_of_a_run_counts_all_parameters_and_scattering_cells() {
     assert!((most_v / expected_v - 1.0).abs() < 0.01, "{scattered}");
     let text = with(&["--sigma-r", "0.02"]).ok();
     assert!(
-        text.contains("pulse: with 95 % the whole voltage of a cell lies within ± "),
+        text.contains(
+            "pulse: with a probability of 95 % the voltage of a cell stays over the whole run"
+        ) && text.contains("by the uncertainty of the fitted parameters and the scatter"),
         "{text}"
     );
     let refused = with(&["--sigma-r", "2"]);

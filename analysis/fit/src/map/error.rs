@@ -159,14 +159,17 @@ pub(super) fn farthest(
     pieces.into_iter().flatten().collect()
 }
 
-/// Factor that widens the band so that it holds 95 % of all pieces, and of one more like them with 95 %:
-/// the value of that rank (split conformal prediction), or the largest of few.
+/// Factor that widens the band so that it holds 95 % of the pieces: the value of that rank, or the largest
+/// of few, which hold less. The same pieces have set the standard deviation, so that it is rather too
+/// small. It does not narrow the band.
 pub(super) fn whole_runs(mut farthest: Vec<f64>) -> Option<f64> {
     farthest.retain(|far| far.is_finite() && *far > 0.0);
     farthest.sort_by(f64::total_cmp);
     let rank = (RUN_PROBABILITY * (farthest.len() + 1) as f64).ceil() as usize;
     let last = farthest.len().checked_sub(1)?;
-    farthest.get((rank.saturating_sub(1)).min(last)).copied()
+    farthest
+        .get(rank.saturating_sub(1).min(last))
+        .map(|far| far.max(1.0))
 }
 
 /// Squares of the errors of a log, what they are fitted to, and the time that each stands for, s.

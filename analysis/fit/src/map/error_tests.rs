@@ -159,6 +159,7 @@ fn the_factor_for_whole_runs_has_the_rank_of_95_percent_of_the_pieces() {
     // The rank is beyond the pieces: the largest.
     assert_eq!(whole_runs(pieces(10)), Some(10.0));
     assert_eq!(whole_runs(Vec::new()), None);
+    assert_eq!(whole_runs(vec![0.2, 0.4]), Some(1.0));
 }
 
 #[test]

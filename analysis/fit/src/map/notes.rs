@@ -38,7 +38,7 @@ impl Design {
         if let Some(law) = map.charge_transfer {
             notes.push(format!(
                 "resistances of branches up to {} s fall under current, with an exchange current of {:.2} A \
-                at half charge and 25 °C; the map states them at small current",
+                at 25 °C; the map states them at small current",
                 law.slowest_s, law.exchange_current_a
             ));
         }

@@ -44,7 +44,7 @@ impl Design {
             let (soc, degc, i) = (samples.soc[k], samples.temperature_degc[k], current_a[k]);
             let at = map.place(soc, degc);
             let law = map.charge_transfer;
-            let drive = Drive::new(law.map(|law| law.exchange_a(soc, degc)), 1.0, i);
+            let drive = Drive::new(law.map(|law| law.exchange_a(degc)), 1.0, i);
             let weights = map.weights(&at, kinetics.branches);
             let driven = (drive, weights.map(|(node, knot, w)| (node, knot, w * i)));
             if log.begins_at(k) {

@@ -17,7 +17,7 @@ pub(super) struct Kinetics {
     pub(super) series: f64,
     /// That of the branches and of their exchange current, J/mol.
     pub(super) branches: f64,
-    /// Exchange current of the branches of charge transfer at half charge and 25 °C, A; `None` if
+    /// Exchange current of the branches of charge transfer at 25 °C, A; `None` if
     /// the data do not show it.
     pub(super) exchange_a: Option<f64>,
 }

@@ -291,22 +291,20 @@ fn spectra_that_contradict_the_logs_give_way_at_the_frequencies_of_the_logs() {
 #[test]
 fn a_resistance_that_falls_under_current_is_found_and_one_that_does_not_is_straight() {
     // The truth of `log` with a further branch of 40 mΩ and 0.5 s that current bends: i₀ is 1.5 A at
-    // half charge and 25 °C, with 30 kJ/mol.
+    // 25 °C, with 30 kJ/mol.
     let mut bend = log("bent", 25.0, 7, Role::Train);
     let series = &mut bend.series;
-    let (mut v, mut soc) = (0.0, 1.0f64);
+    let mut v = 0.0;
     for k in 0..series.len() {
         series.voltage_v[k] -= v;
         let kelvin = series.temperature_degc.as_ref().unwrap()[k] + 273.15;
         let hotter = (30e3 / 8.314_462_618 * (1.0 / kelvin - 1.0 / 298.15)).exp();
-        let share = (2.0 * (soc * (1.0 - soc)).max(0.0).sqrt()).max(0.1);
-        let twice_a = 3.0 * share / hotter * kelvin / 298.15;
+        let twice_a = 3.0 / hotter * kelvin / 298.15;
         let i = series.current_a[k];
         let r_ohm = 0.04 * hotter;
         for _ in 0..10 {
             v += 0.01 / 0.5 * r_ohm * (i - twice_a * (v / (twice_a * r_ohm)).sinh());
         }
-        soc -= 0.1 * i / (3600.0 * CAPACITY_AH);
     }
     let data = MapData {
         logs: vec![bend],

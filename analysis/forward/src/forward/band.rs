@@ -69,11 +69,14 @@ impl RunBand {
         let measured = model
             .map()
             .and_then(|map| map.voltage_error.as_ref()?.whole_runs);
-        let sigmas = factor(terms) * measured.unwrap_or(1.0);
+        let sigmas = factor(terms);
+        let measured = measured.unwrap_or(1.0);
         let scattered = losses_v.iter().enumerate();
         let scattered = scattered.map(|(k, loss_v)| cell_share * loss_v * growth(trace, demand, k));
         let both = own_v.iter().zip(scattered);
-        let half_v: Vec<f64> = both.map(|(own, cells)| sigmas * own.hypot(cells)).collect();
+        let half_v: Vec<f64> = both
+            .map(|(own, cells)| sigmas * (measured * own).hypot(cells))
+            .collect();
         let (mut area_vs, mut all_s) = (0.0, 0.0);
         for (times, halves) in trace.time_s.windows(2).zip(half_v.windows(2)) {
             let step_s = times[1] - times[0];

@@ -5,20 +5,18 @@ use serde::{Deserialize, Serialize};
 
 /// Temperature of the stated exchange current, °C.
 const REFERENCE_DEGC: f64 = 25.0;
-/// Smallest share of the exchange current at half charge: a cell that is nearly full or empty still
-/// exchanges ions.
-const LEAST_SHARE: f64 = 0.1;
 
 /// Butler–Volmer's law with equal shares of both directions, for the branches of charge transfer.
 ///
 /// The voltage v of a branch of at most `slowest_s` drives the current 2·i₀·sinh(v/(2·i₀·R)) through its
-/// resistance in the place of v/R. The exchange current is i₀ at half charge and 25 °C; elsewhere it is
-/// that times 2·√(z·(1 − z)) (at least 0.1) and by Arrhenius' law times the absolute temperature, because
-/// the thermal voltage is proportional to that. Small currents meet the resistance of the map.
+/// resistance in the place of v/R. The exchange current is i₀ at 25 °C; elsewhere it is that by Arrhenius'
+/// law times the absolute temperature, because the thermal voltage is proportional to that. It does not
+/// follow the state of charge: the usual √(z·(1 − z)) belongs to an electrode that is used from empty to
+/// full, and no cell uses one so. Small currents meet the resistance of the map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChargeTransfer {
-    /// Exchange current of the cell at half charge and 25 °C, A.
+    /// Exchange current of the cell at 25 °C, A.
     pub exchange_current_a: f64,
     /// Its activation energy, J/mol.
     pub activation_j_per_mol: f64,
@@ -27,18 +25,11 @@ pub struct ChargeTransfer {
 }
 
 impl ChargeTransfer {
-    /// Returns the exchange current at a SOC and a temperature, °C, in A.
-    pub fn exchange_a(&self, soc: f64, temperature_degc: f64) -> f64 {
+    /// Returns the exchange current at a temperature, °C, in A.
+    pub fn exchange_a(&self, temperature_degc: f64) -> f64 {
         let (here_k, reference_k) = (temperature_degc + ZERO_DEGC_K, REFERENCE_DEGC + ZERO_DEGC_K);
         let exponent =
             self.activation_j_per_mol / GAS_J_PER_MOL_K * (1.0 / reference_k - 1.0 / here_k);
-        self.exchange_current_a * Self::share(soc) * exponent.exp() * here_k / reference_k
-    }
-
-    /// Returns the share of the exchange current at half charge that is left at a SOC.
-    #[inline(always)]
-    pub fn share(soc: f64) -> f64 {
-        let z = soc.clamp(0.0, 1.0);
-        (2.0 * (z * (1.0 - z)).sqrt()).max(LEAST_SHARE)
+        self.exchange_current_a * exponent.exp() * here_k / reference_k
     }
 }

@@ -49,7 +49,7 @@ impl CellMap {
         MapValues {
             r_ohm,
             correction_v: self.ocv_correction_v(&at, temperature_degc),
-            exchange_a: law.map(|law| law.exchange_a(soc, temperature_degc)),
+            exchange_a: law.map(|law| law.exchange_a(temperature_degc)),
             slowest_s: law.map_or(0.0, |law| law.slowest_s),
             outside: at.outside,
         }

@@ -26,6 +26,8 @@ pub(super) struct Uncertainty {
     pub(super) lowest_sigma_v: Option<f64>,
     /// Derivatives of the lowest voltage by ln R, ln R₁, ln C₁, … of the cell, V; empty without a fit.
     pub(super) slopes_v: Vec<f64>,
+    /// Whether the band contains the uncertainty of fitted parameters.
+    is_of_fit: bool,
 }
 
 impl Uncertainty {
@@ -38,16 +40,21 @@ impl Uncertainty {
     ) -> Result<Self, ForwardError> {
         let Played { profile, run, .. } = played;
         let band = |error| RunBand::new(model, &run.trace, profile.demand, error, cell_share);
+        // At the point where the run stopped, the voltage has no derivative and no minimum.
+        if !run.summary.feasible {
+            return Ok(Self::default());
+        }
+        let known = vec![0.0; run.trace.time_s.len()];
+        let of_cells = || band(RunError::Parameters(1, &known)).filter(|_| cell_share > 0.0);
         if file.map.is_some() {
             return Ok(Self {
-                band: band(RunError::Map),
+                band: band(RunError::Map).or_else(of_cells),
                 lowest_sigma_v: of_map(model, profile.demand, run),
-                slopes_v: Vec::new(),
+                ..Self::default()
             });
         }
-        // At the point where the run stopped, the voltage has no derivative and no minimum. With
-        // additions, the fit's parameters are incomplete.
-        if !run.summary.feasible || !file.additions.is_empty() {
+        // With additions, the fit's parameters are incomplete.
+        if !file.additions.is_empty() {
             return Ok(Self::default());
         }
         // Steps as fine as the ones that error control took on average, but not more than a quarter of
@@ -60,11 +67,10 @@ impl Uncertainty {
         let slopes_v = lowest.map_or_else(Vec::new, |row| slopes_of(&values, row));
         let covariance = file.log_covariance.as_deref();
         let Some(covariance) = covariance.filter(|all| all.len() == values.len()) else {
-            let known = vec![0.0; run.trace.time_s.len()];
             return Ok(Self {
-                band: band(RunError::Parameters(1, &known)).filter(|_| cell_share > 0.0),
-                lowest_sigma_v: None,
+                band: of_cells(),
                 slopes_v,
+                ..Self::default()
             });
         };
         let sigmas_v: Vec<f64> = rows
@@ -78,6 +84,7 @@ impl Uncertainty {
             band: band(RunError::Parameters(values.len(), &of_cell)),
             lowest_sigma_v: Some(sigma_v(covariance, &slopes_v)).filter(|v| v.is_finite()),
             slopes_v,
+            is_of_fit: true,
         })
     }
 
@@ -92,11 +99,15 @@ impl Uncertainty {
                     be farther off"
                 }
             },
-            None => "by the uncertainty of the fitted parameters alone",
+            None if self.is_of_fit => {
+                "by the uncertainty of the fitted parameters and the scatter of --sigma-r, without what \
+                the model lacks"
+            }
+            None => "by the scatter of --sigma-r alone",
         };
         Some(format!(
-            "{profile}: with 95 % the whole voltage of a cell lies within ± {:.0} mV of the prediction \
-            (mean; at most ± {:.0} mV), and so above {:.3} V, {shown}",
+            "{profile}: with a probability of 95 % the voltage of a cell stays over the whole run within \
+            ± {:.0} mV of the prediction (mean; at most ± {:.0} mV), and so above {:.3} V, {shown}",
             1e3 * band.mean_half_v,
             1e3 * band.most_half_v,
             band.lowest_v
@@ -136,11 +147,13 @@ fn at_rows<'a>(
     values: &'a [f64],
 ) -> impl Iterator<Item = f64> + 'a {
     time_s.iter().enumerate().map(move |(k, t)| {
-        let is_after_jump = k > 0 && time_s[k - 1] == *t;
+        // Both count their times up in steps of their own, so that they differ by rounding.
+        let near_s = 1e-9 * t.abs().max(1e-3);
+        let is_after_jump = k > 0 && (time_s[k - 1] - t).abs() <= near_s;
         let above = if is_after_jump {
-            rows.partition_point(|row| row.time_s <= *t)
+            rows.partition_point(|row| row.time_s <= t + near_s)
         } else {
-            rows.partition_point(|row| row.time_s < *t)
+            rows.partition_point(|row| row.time_s < t - near_s)
         };
         let last = rows.len() - 1;
         if is_after_jump || above == 0 || above > last {

@@ -154,7 +154,8 @@ class Transient(Law):
     solver can pass through powers that no cell can give; without ``tangent`` such a power has no
     voltage. With ``sigmas``, the window holds for the band of that many standard deviations around the
     predicted voltage, by the error that a map states, and the motors get its lower edge. ``correction_v``, V, is added to the voltage of a
-    cell at each point: the measured less the planned voltage of an earlier motion of equal intervals.
+    cell at each point of a motion of equal intervals: what a replay of an earlier plan had less the voltage
+    of the model there, its own correction left out.
     """
 
     name = "transient"
@@ -299,11 +300,10 @@ class Cell:
         if more:
             self.wide[1] = 100.0
         cell_v = voltage_v + share_ohm * current_a
-        open_v = float(names["ocv_v"](ca.DM(pack.soc)))
-        loss_v = open_v - cell_v
-        half_v = ca.sqrt(band[0] ** 2 + (band[1] * loss_v) ** 2 + 1e-12)
-        # Under a power, a lower voltage takes more current, and sinks further.
-        half_v *= cell_v / ca.fmax(cell_v - loss_v, 0.2 * cell_v)
+        open_v = float(within(ca.DM(rest), 0)[0])
+        half_v = ca.sqrt(band[0] ** 2 + (band[1] * (open_v - cell_v)) ** 2 + 1e-12)
+        # Under a power at the terminals, a lower voltage takes more current, and sinks further.
+        half_v *= voltage_v / ca.fmax(2 * voltage_v - open_v, 0.2 * voltage_v)
         shown = [voltage_v, cell_v, 4 * r_ohm * start_w / e_v**2, half_v]
         self.p0_share = p0_share
         self.look = ca.Function("look", [state, start_w], shown)

@@ -274,7 +274,7 @@ class Problem:
             return np.zeros(count)
         if added_v.size < begin + count:
             expected = f"a voltage for each point of the motion, at least {begin + count}"
-            raise EisError(f"correction_v: expected {expected}, met {added_v.size}")
+            raise EisError(f"Transient.correction_v: expected {expected}, met {added_v.size}")
         return added_v[begin : begin + count]
 
     def _joined(self, phase: Phase, points: dict[str, Any]) -> None:

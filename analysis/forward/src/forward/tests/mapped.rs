@@ -142,7 +142,7 @@ fn resistances_follow_charge_and_heat_as_the_equations_say() {
                 .charge_transfer
                 .filter(|law| branch.tau_s <= law.slowest_s);
             let leaking_a = law.map_or(*v / r, |law| {
-                let twice_a = 2.0 * law.exchange_a(soc, degc);
+                let twice_a = 2.0 * law.exchange_a(degc);
                 twice_a * (*v / (twice_a * r)).sinh()
             });
             heat_w += *v * leaking_a;

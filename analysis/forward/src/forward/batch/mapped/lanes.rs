@@ -365,7 +365,7 @@ impl<'a, const W: usize, const L: usize> MapLanes<'a, W, L> {
         let place = self.piece.place(l, self.now.soc[l], self.now.degc[l]);
         let series_ohm = self.piece.series_ohm::<true>(l, place);
         self.now.r[l] = series_ohm + self.fixed.interconnect[l];
-        self.now.twice[l] = self.piece.twice_a(l, self.now.soc[l], place);
+        self.now.twice[l] = self.piece.twice_a(l, place);
         let mut sum_v = 0.0;
         for block in &mut self.blocks {
             for j in (l..L).step_by(W) {

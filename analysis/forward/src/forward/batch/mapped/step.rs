@@ -159,8 +159,7 @@ fn step<const W: usize, const L: usize, const LAW: u8, const HEATED: bool>(
     }
     if fixed.bent_blocks > 0 {
         for l in 0..W {
-            let soc = now.soc[l] - g.soc[l] * middle.current[l];
-            middle.twice[1][l] = piece.twice_a(l, soc, middle.place(l));
+            middle.twice[1][l] = piece.twice_a(l, middle.place(l));
         }
     }
     let many = middle.beside::<L>();

@@ -7,7 +7,7 @@
 //! 1.3·10⁻⁵ for 60 kJ/mol at 0 °C, 4·10⁻⁶ for 35 kJ/mol.
 
 use super::super::ocv_piece::{LaneCurve, OcvPiece, Row};
-use analysis_model::map::{CellMap, ChargeTransfer, MapValues};
+use analysis_model::map::{CellMap, MapValues};
 use analysis_model::pack::Pack;
 
 /// Width of a piece in temperature, K.
@@ -89,7 +89,7 @@ pub(super) struct Piece<const W: usize> {
     warmer: [Row<W>; 2],
     /// Series resistance without the interconnect, Ω.
     series: Surface<W>,
-    /// Twice the exchange current at half charge, A: c₀ + c₁·u.
+    /// Twice the exchange current, A: c₀ + c₁·u.
     exchange: [Row<W>; 2],
     /// Both ends in temperature, °C.
     degc: [Row<W>; 2],
@@ -179,10 +179,10 @@ impl<const W: usize> Piece<W> {
         self.series.at::<HEATED>(l, place)
     }
 
-    /// Returns twice the exchange current at a SOC, A.
+    /// Returns twice the exchange current, A.
     #[inline(always)]
-    pub(super) fn twice_a(&self, l: usize, soc: f64, place: Place) -> f64 {
-        ChargeTransfer::share(soc) * (self.exchange[0][l] + self.exchange[1][l] * place.u)
+    pub(super) fn twice_a(&self, l: usize, place: Place) -> f64 {
+        self.exchange[0][l] + self.exchange[1][l] * place.u
     }
 
     /// Moves a lane to the piece of a state. `branch` takes the surface of each branch; `ohm` is room
@@ -240,7 +240,7 @@ impl<const W: usize> Piece<W> {
         // Without the law the value only keeps linear branches beside bent ones linear.
         let twice_a = |degc: f64| {
             map.charge_transfer.map_or(1.0, |law| {
-                2.0 * f64::from(pack.parallel) * law.exchange_a(0.5, degc)
+                2.0 * f64::from(pack.parallel) * law.exchange_a(degc)
             })
         };
         let [cold, warm] = corners.degc.map(twice_a);
