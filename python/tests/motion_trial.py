@@ -208,27 +208,28 @@ def table(rows):
         print(f"\n{name}: {len(own)} conditions")
         print(
             f"{'law':16} {'not solved':>10} {'leaves the window':>24} {'motors lack voltage':>24}"
-            f" {'one or the other':>24} {'deepest':>8} {'height lost: median':>20} {'10 %':>7} {'90 %':>7} {'of':>3} {'s':>5}"
+            f" {'one or the other':>24} {'deepest':>8}"
+            f" {'height lost: median':>20} {'10 %':>7} {'90 %':>7} {'of':>3} {'s':>5}"
         )
         for law in LAWS:
-            done = [r["laws"][law] for r in own if r["laws"][law]]
-            if not done:
-                print(f"{law:16} {len(own):10d}")
-                continue
-            lost = [
-                100 * (1 - r["laws"][law]["height_m"] / r["laws"]["oracle"]["height_m"])
-                for r in own
-                if r["laws"][law] and r["laws"]["oracle"]
-            ]
-            counted = f"{len(lost):3d}"
-            low, middle, high = np.quantile(lost, [0.1, 0.5, 0.9]) if lost else [math.nan] * 3
-            seconds = np.median([row["seconds"] for row in done])
-            deepest_mv = 1e3 * max(row["outside_v"] for row in done)
-            print(
-                f"{law:16} {len(own) - len(done):10d} {share(done, 'leaves'):>24}"
-                f" {share(done, 'motors_short'):>24} {share(done, 'leaves', 'motors_short'):>24} {deepest_mv:5.0f} mV {middle:18.1f} % {low:5.1f} % {high:5.1f} % {counted}"
-                f" {seconds:5.1f}"
-            )
+            print(f"{law:16} {line(own, law)}")
+
+
+def line(own, law):
+    """What a law reaches under conditions."""
+    done = [row["laws"][law] for row in own if row["laws"][law]]
+    if not done:
+        return f"{len(own):10d}"
+    both = [row["laws"] for row in own if row["laws"][law] and row["laws"]["oracle"]]
+    lost = [100 * (1 - laws[law]["height_m"] / laws["oracle"]["height_m"]) for laws in both]
+    low, middle, high = np.quantile(lost, [0.1, 0.5, 0.9]) if lost else [math.nan] * 3
+    seconds = np.median([row["seconds"] for row in done])
+    deepest_mv = 1e3 * max(row["outside_v"] for row in done)
+    shares = [share(done, *keys) for keys in (["leaves"], ["motors_short"], ["leaves", "motors_short"])]
+    return (
+        f"{len(own) - len(done):10d} {' '.join(f'{each:>24}' for each in shares)} {deepest_mv:5.0f} mV"
+        f" {middle:18.1f} % {low:5.1f} % {high:5.1f} % {len(lost):3d} {seconds:5.1f}"
+    )
 
 
 def main():

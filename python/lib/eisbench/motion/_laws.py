@@ -153,9 +153,9 @@ class Transient(Law):
     Beyond ``p0_share`` of the most power that there is the voltage follows its tangent, so that the
     solver can pass through powers that no cell can give; without ``tangent`` such a power has no
     voltage. With ``sigmas``, the window holds for the band of that many standard deviations around the
-    predicted voltage, by the error that a map states, and the motors get its lower edge. ``correction_v``, V, is added to the voltage of a
-    cell at each point of a motion of equal intervals: what a replay of an earlier plan had less the voltage
-    of the model there, its own correction left out.
+    predicted voltage, by the error that a map states, and the motors get its lower edge.
+    ``correction_v``, V, is added to the voltage of a cell at each point of a motion of equal intervals:
+    what a replay of an earlier plan had less the voltage of the model there, its own correction left out.
     """
 
     name = "transient"
