@@ -32,6 +32,32 @@ fn fitted() -> tempfile::TempDir {
     folder
 }
 
+/// A pulse of 30 A over 100 s on the pack.
+const PULSE: [&str; 11] = [
+    "simulate",
+    "--model",
+    "p45b/model_4rc.json",
+    "--profile",
+    "pulse.csv",
+    "--series",
+    "16",
+    "--parallel",
+    "3",
+    "--ocv-v",
+    "3.72",
+];
+
+/// Returns the folder of [`fitted`] with the pulse of [`PULSE`].
+fn with_pulse() -> tempfile::TempDir {
+    let folder = fitted();
+    std::fs::write(
+        folder.path().join("pulse.csv"),
+        "time_s,current_a\n0,30\n100,0\n101,0\n",
+    )
+    .unwrap();
+    folder
+}
+
 fn robot_profiles() -> Option<PathBuf> {
     let near = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
     let shared = std::env::var_os("EIS_BENCH_SHARED").map_or(near, PathBuf::from);
@@ -41,28 +67,10 @@ fn robot_profiles() -> Option<PathBuf> {
 
 #[test]
 fn a_pulse_on_the_pack_has_the_fixed_fields_and_the_voltage_of_its_resistances() {
-    let folder = fitted();
-    std::fs::write(
-        folder.path().join("pulse.csv"),
-        "time_s,current_a\n0,30\n100,0\n101,0\n",
-    )
-    .unwrap();
-    let base = [
-        "simulate",
-        "--model",
-        "p45b/model_4rc.json",
-        "--profile",
-        "pulse.csv",
-        "--series",
-        "16",
-        "--parallel",
-        "3",
-        "--ocv-v",
-        "3.72",
-    ];
+    let folder = with_pulse();
     let found = program_in(
         folder.path(),
-        &[&base[..], &["--interconnect-ohm", "0.01", "--json"]].concat(),
+        &[&PULSE[..], &["--interconnect-ohm", "0.01", "--json"]].concat(),
     )
     .json();
     // 10 A per cell for 20 of the longest time constants: the whole DC resistance of appendix
@@ -92,26 +100,8 @@ fn a_pulse_on_the_pack_has_the_fixed_fields_and_the_voltage_of_its_resistances()
 
 #[test]
 fn the_band_of_a_run_counts_all_parameters_and_scattering_cells() {
-    let folder = fitted();
-    std::fs::write(
-        folder.path().join("pulse.csv"),
-        "time_s,current_a\n0,30\n100,0\n101,0\n",
-    )
-    .unwrap();
-    let base = [
-        "simulate",
-        "--model",
-        "p45b/model_4rc.json",
-        "--profile",
-        "pulse.csv",
-        "--series",
-        "16",
-        "--parallel",
-        "3",
-        "--ocv-v",
-        "3.72",
-    ];
-    let with = |more: &[&str]| program_in(folder.path(), &[&base[..], more].concat());
+    let folder = with_pulse();
+    let with = |more: &[&str]| program_in(folder.path(), &[&PULSE[..], more].concat());
     // Half width at the lowest voltage, where the pulse ends.
     let half_v =
         |found: &Value| number(found, "margin_low_v") + 2.5 - number(&found["band"], "lowest_v");

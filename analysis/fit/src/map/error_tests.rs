@@ -6,7 +6,7 @@ use super::solution::Solution;
 use super::solve::START;
 use super::tests::{curve, log, of_logs, options};
 use super::train::Train;
-use super::{MapLog, fit_map};
+use super::{MapFit, MapLog, fit_map};
 use analysis_model::map::{ErrorSource, VoltageError};
 use analysis_signal::series::Role;
 use nalgebra::{DMatrix, DVector};
@@ -27,15 +27,20 @@ fn bent(name: &str, degc: f64, seed: u64, role: Role) -> MapLog {
     log
 }
 
-#[test]
-fn the_error_of_one_held_out_log_covers_another() {
+/// A map of two such logs, and its error on two others.
+fn fit_with_held_out_logs() -> MapFit {
     let logs = [
         bent("warm", 25.0, 1, Role::Train),
         bent("cold", 0.0, 2, Role::Train),
         bent("warm too", 25.0, 3, Role::HeldOut),
         bent("cold too", 0.0, 4, Role::HeldOut),
     ];
-    let fit = fit_map(&of_logs(logs), &curve(), &options()).unwrap();
+    fit_map(&of_logs(logs), &curve(), &options()).unwrap()
+}
+
+#[test]
+fn the_error_of_one_held_out_log_covers_another() {
+    let fit = fit_with_held_out_logs();
     let error = fit.map.voltage_error.clone().unwrap();
     assert_eq!(error.from, ErrorSource::HeldOut);
     for share in &error.share {
@@ -164,13 +169,7 @@ fn the_factor_for_whole_runs_has_the_rank_of_95_percent_of_the_pieces() {
 
 #[test]
 fn the_band_for_whole_runs_holds_the_pieces_of_the_logs_that_show_it() {
-    let logs = [
-        bent("warm", 25.0, 1, Role::Train),
-        bent("cold", 0.0, 2, Role::Train),
-        bent("warm too", 25.0, 3, Role::HeldOut),
-        bent("cold too", 0.0, 4, Role::HeldOut),
-    ];
-    let fit = fit_map(&of_logs(logs), &curve(), &options()).unwrap();
+    let fit = fit_with_held_out_logs();
     let factor = fit.map.voltage_error.as_ref().unwrap().whole_runs.unwrap();
     let other = Log::new(&bent("other", 12.0, 5, Role::HeldOut), &curve()).unwrap();
     let of_other = predict(&fit.map, &other, fit.lag_s);
