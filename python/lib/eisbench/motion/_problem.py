@@ -155,7 +155,7 @@ class Problem:
         if flies:
             heel = q[1, :] + robot.foot_m * ca.sin(q[2, :])
             self.require(heel, 0, math.inf)
-        self._power(points, step / 2, first)
+        self._power(points, step / 2, rows, first)
         limits = ca.DM([joint.torque_nm for joint in robot.joints])
         self.effort += span * ca.dot(ca.sum1((torque / limits) ** 2), ca.DM(phase.weights).T)
         if not first:
@@ -235,7 +235,7 @@ class Problem:
                 points["x"].append(self.variable(rest - wide, rest + wide, rest, reach=0.0))
         return {key: self.ca.horzcat(*values) for key, values in points.items() if values}
 
-    def _power(self, points: dict[str, Any], step: Any, first: bool) -> None:
+    def _power(self, points: dict[str, Any], step: Any, rows: slice, first: bool) -> None:
         """Motors, the bus, and the law of the battery at every point."""
         ca, robot, law, count = self.ca, self.robot, self.law, points["q"].shape[1]
         _, voltage, motors = self.f["motors"].map(count)(points["v"], points["t"])
@@ -249,7 +249,7 @@ class Problem:
             pack, power, state = law.pack, points["p"], points["x"]
             self.require((power - bus / pack.cells) / SIZES["p"])
             terminal_v, cell_v, share, half_v = self.cell.look.map(count)(state, power)
-            added_v = ca.DM(self._correction_v(count)).T
+            added_v = ca.DM(self._correction_v(rows)).T
             terminal_v, cell_v = terminal_v + added_v, cell_v + added_v
             low_v, high_v = pack.window_v
             self.require(cell_v - half_v, low_v, math.inf)
@@ -267,15 +267,15 @@ class Problem:
         for sign in (1, -1):
             self.require((ca.repmat(least_v, 3, 1) + sign * voltage) / 10, 0, math.inf)
 
-    def _correction_v(self, count: int) -> NDArray[np.float64]:
-        """What the law adds to the voltage of a cell at the points of the next phase."""
-        added_v, begin = self.law.correction_v, sum(p["q"].shape[1] for p in self.points)
+    def _correction_v(self, rows: slice) -> NDArray[np.float64]:
+        """What the law adds to the voltage of a cell at rows of a motion."""
+        added_v = self.law.correction_v
         if added_v is None:
-            return np.zeros(count)
-        if added_v.size < begin + count:
-            expected = f"a voltage for each point of the motion, at least {begin + count}"
+            return np.zeros(rows.stop - rows.start)
+        if added_v.size < rows.stop:
+            expected = f"a voltage for each point of the motion, at least {rows.stop}"
             raise EisError(f"Transient.correction_v: expected {expected}, met {added_v.size}")
-        return added_v[begin : begin + count]
+        return added_v[rows]
 
     def _joined(self, phase: Phase, points: dict[str, Any]) -> None:
         """The points of two phases at the instant that they share."""
