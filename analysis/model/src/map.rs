@@ -24,7 +24,7 @@ pub use branch_step::{BranchEnd, BranchStep, Drive};
 pub use charge_transfer::ChargeTransfer;
 pub use check::MapError;
 pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
-pub use error::{BAND_SIGMAS, ErrorSource, RUN_SIGMAS, VoltageError};
+pub use error::{BAND_SIGMAS, ErrorSource, RUN_PROBABILITY, VoltageError};
 pub use place::{Outside, Place, arrhenius};
 pub use values::MapValues;
 

@@ -60,6 +60,16 @@ pub fn t_factor(level: f64, freedom: f64) -> f64 {
     if freedom.is_nan() || freedom <= 0.0 {
         return f64::INFINITY;
     }
+    factor(level, |square| square_tail(square, freedom))
+}
+
+/// Returns the factor x with P(χ² ≤ x²) = `level` for χ² of `freedom` degrees of freedom, by bisection.
+pub fn chi_factor(level: f64, freedom: f64) -> f64 {
+    factor(level, |square| chi2_tail(square, freedom))
+}
+
+/// Returns x where the tail beyond x² is 1 − `level`.
+fn factor(level: f64, tail: impl Fn(f64) -> f64) -> f64 {
     let (mut lo, mut hi) = (0.0f64, 1e6f64);
     for _ in 0..200 {
         let mid = if hi > 2.0 * lo.max(1e-3) {
@@ -67,7 +77,7 @@ pub fn t_factor(level: f64, freedom: f64) -> f64 {
         } else {
             0.5 * (lo + hi)
         };
-        if 1.0 - square_tail(mid * mid, freedom) < level {
+        if 1.0 - tail(mid * mid) < level {
             lo = mid;
         } else {
             hi = mid;

@@ -11,14 +11,13 @@ use super::solve::Normal;
 use super::train::{CORRELATION_S, ERROR_V, SOC_ERROR, Train};
 use crate::drt::nonnegative;
 use analysis_model::{
-    map::{BAND_SIGMAS, CellMap, ErrorSource, Place, RUN_SIGMAS, VoltageError},
+    map::{BAND_SIGMAS, CellMap, ErrorSource, Place, RUN_PROBABILITY, VoltageError},
     ocv::OcvCurve,
 };
+use analysis_numeric::stats::chi_factor;
 use analysis_signal::series::Role;
 use nalgebra::{DMatrix, DVector};
 
-/// Share of the pieces of logs that a band for whole runs holds.
-const RUN_PROBABILITY: f64 = 0.95;
 /// Pieces of a log.
 pub(super) const PIECES: usize = 6;
 /// Time above SOC 0.1 that held-out logs must have to show the error, s: some correlation times.
@@ -141,11 +140,13 @@ pub(super) fn farthest(
     errors_v: &[f64],
 ) -> Vec<f64> {
     let samples = &log.samples;
+    // One error at rest, and one of the resistances.
+    let sigmas = chi_factor(RUN_PROBABILITY, 2.0);
     let of_row = |k: usize| {
         let soc = samples.soc[k];
         let at = map.place(soc, samples.temperature_degc[k]);
         let sigma_v = map.sigma_v(&at, ocv.slope_v(soc), lasting_v[k])?;
-        Some(errors_v[k].abs() / (RUN_SIGMAS * sigma_v))
+        Some(errors_v[k].abs() / (sigmas * sigma_v))
     };
     let mut pieces = vec![None; PIECES];
     let per_piece = log.len().div_ceil(PIECES);

@@ -8,11 +8,9 @@
 use super::law::Demand;
 use super::model::SimModel;
 use super::trace::Trace;
-use analysis_numeric::stats::chi2_tail;
+use analysis_model::map::RUN_PROBABILITY;
+use analysis_numeric::stats::chi_factor;
 use serde::Serialize;
-
-/// Probability with which a band holds the whole run.
-pub const RUN_PROBABILITY: f64 = 0.95;
 
 /// What is wrong with a prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,7 +67,7 @@ impl RunBand {
         let measured = model
             .map()
             .and_then(|map| map.voltage_error.as_ref()?.whole_runs);
-        let sigmas = factor(terms);
+        let sigmas = chi_factor(RUN_PROBABILITY, terms as f64);
         let measured = measured.unwrap_or(1.0);
         let scattered = losses_v.iter().enumerate();
         let scattered = scattered.map(|(k, loss_v)| cell_share * loss_v * growth(trace, demand, k));
@@ -141,20 +139,6 @@ fn growth(trace: &Trace, demand: Demand, k: usize) -> f64 {
     }
 }
 
-/// Returns √χ²ₙ of [`RUN_PROBABILITY`].
-fn factor(terms: usize) -> f64 {
-    let (mut low, mut high) = (0.0, 1e3);
-    while high - low > 1e-9 {
-        let middle = 0.5 * (low + high);
-        if chi2_tail(middle * middle, terms as f64) > 1.0 - RUN_PROBABILITY {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -194,7 +178,8 @@ mod tests {
     #[test]
     fn the_factor_is_that_of_the_tables_of_chi_squared() {
         for (terms, chi2) in [(1, 3.841_459), (2, 5.991_465), (9, 16.918_978)] {
-            assert!((factor(terms) - f64::sqrt(chi2)).abs() < 1e-6, "{terms}");
+            let sigmas = chi_factor(RUN_PROBABILITY, f64::from(terms));
+            assert!((sigmas - f64::sqrt(chi2)).abs() < 1e-6, "{terms}");
         }
     }
 

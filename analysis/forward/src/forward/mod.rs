@@ -37,7 +37,7 @@ mod simulate;
 mod step;
 mod trace;
 
-pub use band::{RUN_PROBABILITY, RunBand, RunError};
+pub use band::{RunBand, RunError};
 pub use batch::{BatchCell, BatchOptions, BatchOutcome, MAX_BATCH_RC, simulate_batch};
 pub use error::ForwardError;
 pub use held::{HeldStep, Instant};

@@ -25,9 +25,8 @@ pub struct VoltageError {
     pub whole_runs: Option<f64>,
 }
 
-/// √χ² of two degrees of freedom with 95 %: half width of a band that holds a whole run, over the standard
-/// deviation, if a constant error at rest and one of the resistances are all that is wrong.
-pub const RUN_SIGMAS: f64 = 2.447_746_830_680_816;
+/// Probability with which the band of a run holds the whole run.
+pub const RUN_PROBABILITY: f64 = 0.95;
 
 /// Data that show the error of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
