@@ -134,8 +134,8 @@ class Problem:
         free = [3, 4, 5] if flies else [k for k in range(6) if k not in locked]
         # Hermite and Simpson's rule, with the middle of each interval as a point of its own.
         begin, middle, end = (slice(k, count - 2 + k, 2) for k in range(3))
-        for value, rate, rows in ((q, v, moving), (v, a, free)):
-            value, rate = value[rows, :], rate[rows, :]
+        for value, rate, chosen in ((q, v, moving), (v, a, free)):
+            value, rate = value[chosen, :], rate[chosen, :]
             mean = (value[:, begin] + value[:, end]) / 2
             bow = step / 8 * (rate[:, begin] - rate[:, end])
             self.require(value[:, middle] - mean - bow)
@@ -271,7 +271,7 @@ class Problem:
         """What the law adds to the voltage of a cell at rows of a motion."""
         added_v = self.law.correction_v
         if added_v is None:
-            return np.zeros(rows.stop - rows.start)
+            return np.zeros(int(rows.stop - rows.start))
         if added_v.size < rows.stop:
             expected = f"a voltage for each point of the motion, at least {rows.stop}"
             raise EisError(f"Transient.correction_v: expected {expected}, met {added_v.size}")
