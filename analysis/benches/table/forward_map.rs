@@ -99,8 +99,7 @@ impl Fitted {
             _ => {}
         }
         map.charge_transfer = laws.bent.then_some(ChargeTransfer {
-            exchange_current_a: 2.0,
-            activation_j_per_mol: 50e3,
+            voltage_v: 0.06,
             slowest_s: 3.0,
         });
         map.thermal = laws.heated.then_some(Thermal {

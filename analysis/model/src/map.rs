@@ -10,7 +10,7 @@
 //! The voltage of a branch is continuous when its resistance moves, as that of a capacitor is:
 //! τ·dv/dt = R(z, T)·i − v. Where the data show that the resistance falls under current, the fast
 //! branches lose their charge by Butler–Volmer's law ([`ChargeTransfer`]): b·sinh(v/b) in the place of v,
-//! with b = 2·i₀·R ([`Drive`]).
+//! with the share of each branch in the voltage of charge transfer as b ([`Drive`]).
 
 mod branch_step;
 mod charge_transfer;
@@ -164,12 +164,8 @@ impl CellMap {
         }
         finite("ocv_temperature_degc", &[self.ocv_temperature_degc])?;
         if let Some(law) = self.charge_transfer {
-            positive("charge_transfer.exchange_current_a", law.exchange_current_a)?;
+            positive("charge_transfer.voltage_v", law.voltage_v)?;
             positive("charge_transfer.slowest_s", law.slowest_s)?;
-            finite(
-                "charge_transfer.activation_j_per_mol",
-                &[law.activation_j_per_mol],
-            )?;
         }
         if let Some(thermal) = self.thermal {
             for (field, met) in [

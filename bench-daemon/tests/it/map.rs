@@ -109,7 +109,7 @@ fn exports_take_a_map_and_a_task_of_one_point_says_so_or_refuses_it() {
             assert_eq!(code, 0, "{error}");
             let mut bent = json(Path::new(model));
             let law =
-                r#"{"exchange_current_a": 5.0, "activation_j_per_mol": 35e3, "slowest_s": 3.0}"#;
+                r#"{"voltage_v": 0.05, "slowest_s": 3.0}"#;
             bent["map"]["charge_transfer"] = serde_json::from_str(law).unwrap();
             let path = folder.path().join("map.json");
             fs::write(&path, bent.to_string()).unwrap();

@@ -46,9 +46,9 @@ impl Conflict {
             ..train.clone()
         };
         let with_v = left_out_v(all, train);
-        // Energies and exchange current of all data: a search of its own could only be better.
+        // Energies and charge transfer of all data: a search of its own could only be better.
         let design = Design::new(&without, &[], options)?;
-        let high = Solution::new(design, &without, all.kinetics)?;
+        let high = Solution::new(design, &without, all.kinetics.clone())?;
         let without_v = left_out_v(&high, &without);
         let conflict = Self {
             from_hz,

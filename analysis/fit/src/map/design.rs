@@ -4,10 +4,10 @@ use super::nodes::{Wanted, nodes};
 use super::options::{MapFitError, MapOptions};
 use super::solve::{INDUCTANCE_H, Kinetics, Normal, Solved};
 use super::train::Train;
-use analysis_model::map::{CellMap, ChargeTransfer, MapBranch, Surface};
+use analysis_model::map::{CellMap, MapBranch, Surface};
 
 /// Longest time constant of a branch of charge transfer, s: diffusion is slower.
-const SLOWEST_TRANSFER_S: f64 = 3.0;
+pub(super) const SLOWEST_TRANSFER_S: f64 = 3.0;
 
 /// The unknowns: surfaces by branch, temperature and SOC, then both corrections of the OCV by SOC,
 /// then the inductance of the wiring in the spectra.
@@ -96,13 +96,13 @@ impl Design {
     }
 
     /// Solves for given kinetics.
-    pub(super) fn solve(&self, train: &Train, kinetics: Kinetics) -> Result<Solved, MapFitError> {
+    pub(super) fn solve(&self, train: &Train, kinetics: &Kinetics) -> Result<Solved, MapFitError> {
         self.equations(train, kinetics)
             .solve(self.resistances(), None)
     }
 
     /// Returns the equations of all rows and priors.
-    pub(super) fn equations(&self, train: &Train, kinetics: Kinetics) -> Normal {
+    pub(super) fn equations(&self, train: &Train, kinetics: &Kinetics) -> Normal {
         let mut normal = Normal::new(self.count());
         for log in &train.logs {
             let weight = |stands_s: f64, soc: f64| train.weight(stands_s, soc);
@@ -118,7 +118,7 @@ impl Design {
         normal
     }
 
-    pub(super) fn empty_map(&self, kinetics: Kinetics) -> CellMap {
+    pub(super) fn empty_map(&self, kinetics: &Kinetics) -> CellMap {
         let surface = |activation_j_per_mol| Surface {
             activation_j_per_mol,
             r_ohm: vec![vec![0.0; self.soc.len()]; self.nodes()],
@@ -139,20 +139,14 @@ impl Design {
             ocv_offset_v: vec![0.0; self.soc.len()],
             ocv_v_per_k: vec![0.0; self.soc.len()],
             ocv_temperature_degc: self.ocv_temperature_degc,
-            charge_transfer: kinetics
-                .exchange_a
-                .map(|exchange_current_a| ChargeTransfer {
-                    exchange_current_a,
-                    activation_j_per_mol: kinetics.branches,
-                    slowest_s: SLOWEST_TRANSFER_S,
-                }),
+            charge_transfer: kinetics.bent.as_ref().and_then(|map| map.charge_transfer),
             thermal: None,
             voltage_error: None,
         }
     }
 
     /// Returns the map of a solution, without standard deviations.
-    pub(super) fn map(&self, kinetics: Kinetics, solved: &Solved) -> CellMap {
+    pub(super) fn map(&self, kinetics: &Kinetics, solved: &Solved) -> CellMap {
         let mut map = self.empty_map(kinetics);
         let rows = |surface: usize| self.rows(surface, |k| solved.x[k].max(0.0));
         // The series resistance of a place that no row has reached may be zero; a cell's is not.

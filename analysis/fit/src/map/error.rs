@@ -53,7 +53,7 @@ fn counted(log: &Log, every: usize) -> impl Iterator<Item = (usize, f64)> {
 /// Predicts each fitted log piece by piece, from everything else: measured less predicted voltage, V,
 /// at each sample; not a number in a piece without which the equations have no solution.
 pub(super) fn predict_left_out(all: &Solution, train: &Train) -> Vec<Vec<f64>> {
-    let (design, kinetics) = (&all.design, all.kinetics);
+    let (design, kinetics) = (&all.design, &all.kinetics);
     let of_log = |log: &&Log| {
         let per_piece = log.rows().div_ceil(PIECES);
         let mut pieces = vec![Normal::new(design.count()); log.rows().div_ceil(per_piece)];

@@ -1,22 +1,34 @@
-//! Activation energies and exchange current: the unknowns in which the voltage is not linear.
+//! Activation energies and the voltage of charge transfer: the unknowns in which the voltage is not linear.
 
-use super::design::Design;
+use super::design::{Design, SLOWEST_TRANSFER_S};
 use super::lag;
 use super::options::MapFitError;
 use super::solve::{Kinetics, START, Solved};
 use super::train::Train;
+use analysis_model::map::{CellMap, ChargeTransfer};
+use std::sync::Arc;
 
-/// Standard deviation of both about their prior, J/mol.
+/// Standard deviation of both energies about their prior, J/mol.
 const ENERGY_SIGMA: f64 = 12e3;
 /// Step of the search of an energy, J/mol; one move is at most twice as long.
 const ENERGY_STEP: f64 = 5e3;
 /// Rounds of the search over both energies.
 const ENERGY_ROUNDS: usize = 2;
-/// Exchange currents that are tried, as multiples of the capacity per hour.
-const EXCHANGE_C_RATES: [f64; 5] = [0.25, 0.75, 2.0, 6.0, 18.0];
-/// Ratio of two exchange currents that are tried, and of those beside the lowest.
-const EXCHANGE_RATIO: f64 = 3.0;
-const FINE_RATIO: f64 = 1.4;
+/// Expected voltage of charge transfer, V, and the standard deviation of its logarithm: 2·R·T/F, and more
+/// in a porous electrode.
+const VOLTAGE_V: f64 = 0.06;
+const VOLTAGE_SIGMA: f64 = 0.3;
+/// Step of the search of the logarithm of that voltage; one move is at most twice as long.
+const VOLTAGE_STEP: f64 = 0.35;
+/// Rounds of that search.
+const VOLTAGE_ROUNDS: usize = 2;
+/// Solutions until the exchange current belongs to the resistances, at most, and the relative change of the
+/// cost at which it does.
+const MOST_SOLUTIONS: usize = 6;
+const SETTLED: f64 = 1e-3;
+/// Exponent of the change of a resistance from one of these solutions to the next: the more a branch is
+/// bent, the less of an error one solution removes, at a third of the resistance a third.
+const AHEAD: f64 = 1.5;
 
 /// A point of the search, with its cost and its solution.
 #[derive(Clone)]
@@ -26,20 +38,23 @@ struct Found {
     solved: Solved,
 }
 
-/// Finds the lag of the logs, the activation energies and, if the data show one, the exchange current.
+/// Finds the lag of the logs, the activation energies and, if the data show one, the voltage of charge
+/// transfer.
 pub(super) fn search(
     design: &Design,
     train: &mut Train,
 ) -> Result<(Kinetics, Solved), MapFitError> {
-    let mut found = look(design, train, START)?;
-    if let Some(lag_s) = lag::find(design, train, START, &found.solved)? {
+    let mut found = evaluate(design, train, START)?;
+    if let Some(lag_s) = lag::find(design, train, &START, &found.solved)? {
         train.lag_s = lag_s;
-        found = look(design, train, START)?;
+        found = evaluate(design, train, START)?;
     }
     for _ in 0..ENERGY_ROUNDS {
         found = improve_energies(design, train, found)?;
     }
-    if let Some(bent) = find_exchange(design, train, &found)? {
+    // Spectra at rest do not show a fall under current.
+    if !train.logs.is_empty() && design.transfers() > 0 {
+        let bent = find_voltage(design, train, &found)?;
         let bent = improve_energies(design, train, bent)?;
         // Both have had the same rounds.
         found = improve_energies(design, train, found)?;
@@ -50,13 +65,18 @@ pub(super) fn search(
     Ok((found.kinetics, found.solved))
 }
 
-fn look(design: &Design, train: &Train, kinetics: Kinetics) -> Result<Found, MapFitError> {
-    let solved = design.solve(train, kinetics)?;
-    let prior = |energy: f64, expected: f64| ((energy - expected) / ENERGY_SIGMA).powi(2);
-    let beside = prior(kinetics.series, START.series) + prior(kinetics.branches, START.branches);
+fn evaluate(design: &Design, train: &Train, kinetics: Kinetics) -> Result<Found, MapFitError> {
+    let solved = design.solve(train, &kinetics)?;
+    let energy = |energy: f64, expected: f64| ((energy - expected) / ENERGY_SIGMA).powi(2);
+    let law = kinetics.bent.as_ref().and_then(|map| map.charge_transfer);
+    let voltage = law.map_or(0.0, |law| {
+        ((law.voltage_v / VOLTAGE_V).ln() / VOLTAGE_SIGMA).powi(2)
+    });
+    let energies =
+        energy(kinetics.series, START.series) + energy(kinetics.branches, START.branches);
     Ok(Found {
         kinetics,
-        cost: solved.cost + beside,
+        cost: solved.cost + energies + voltage,
         solved,
     })
 }
@@ -65,7 +85,7 @@ fn look(design: &Design, train: &Train, kinetics: Kinetics) -> Result<Found, Map
 fn improve_energies(design: &Design, train: &Train, mut best: Found) -> Result<Found, MapFitError> {
     for of_series in [true, false] {
         let moved = |by: f64| {
-            let mut kinetics = best.kinetics;
+            let mut kinetics = best.kinetics.clone();
             let energy = if of_series {
                 &mut kinetics.series
             } else {
@@ -74,10 +94,10 @@ fn improve_energies(design: &Design, train: &Train, mut best: Found) -> Result<F
             *energy = (*energy + by).max(0.0);
             kinetics
         };
-        let below = look(design, train, moved(-ENERGY_STEP))?.cost;
-        let above = look(design, train, moved(ENERGY_STEP))?.cost;
+        let below = evaluate(design, train, moved(-ENERGY_STEP))?.cost;
+        let above = evaluate(design, train, moved(ENERGY_STEP))?.cost;
         let share = lowest(below, best.cost, above).clamp(-2.0, 2.0);
-        let tried = look(design, train, moved(share * ENERGY_STEP))?;
+        let tried = evaluate(design, train, moved(share * ENERGY_STEP))?;
         if tried.cost < best.cost {
             best = tried;
         }
@@ -85,49 +105,82 @@ fn improve_energies(design: &Design, train: &Train, mut best: Found) -> Result<F
     Ok(best)
 }
 
-/// Finds the exchange current with the lowest cost; `None` if no log has a current, because spectra at
-/// rest do not show it.
-fn find_exchange(
+/// Finds the voltage of charge transfer with the lowest cost.
+fn find_voltage(design: &Design, train: &Train, without: &Found) -> Result<Found, MapFitError> {
+    let start = design.map(&without.kinetics, &without.solved);
+    let mut best = settle(design, train, &without.kinetics, start, VOLTAGE_V)?;
+    let mut step = VOLTAGE_STEP;
+    for _ in 0..VOLTAGE_ROUNDS {
+        let beside = |by: f64| {
+            let map = design.map(&best.kinetics, &best.solved);
+            let voltage_v = map.charge_transfer.map_or(VOLTAGE_V, |law| law.voltage_v);
+            settle(design, train, &best.kinetics, map, voltage_v * by.exp())
+        };
+        let (below, above) = (beside(-step)?, beside(step)?);
+        let share = lowest(below.cost, best.cost, above.cost).clamp(-2.0, 2.0);
+        let tried = beside(share * step)?;
+        let all = [below, above, tried];
+        best = all.into_iter().fold(best.clone(), |best, tried| {
+            if tried.cost < best.cost { tried } else { best }
+        });
+        step *= 0.5;
+    }
+    Ok(best)
+}
+
+/// Solves with a voltage of charge transfer until the exchange current is that of the resistances.
+fn settle(
     design: &Design,
     train: &Train,
-    without: &Found,
-) -> Result<Option<Found>, MapFitError> {
-    if train.logs.is_empty() || design.transfers() == 0 {
-        return Ok(None);
-    }
-    let at = |exchange_a: f64| {
-        let exchange_a = Some(exchange_a);
-        look(
-            design,
-            train,
-            Kinetics {
-                exchange_a,
-                ..without.kinetics
-            },
-        )
+    kinetics: &Kinetics,
+    mut map: CellMap,
+    voltage_v: f64,
+) -> Result<Found, MapFitError> {
+    let law = ChargeTransfer {
+        voltage_v,
+        slowest_s: SLOWEST_TRANSFER_S,
     };
-    let rates_a = EXCHANGE_C_RATES.map(|c_rate| c_rate * train.ocv.capacity_ah);
-    let tried = rates_a.map(at);
-    let tried = tried.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let lowest_of = |a: &usize, b: &usize| tried[*a].cost.total_cmp(&tried[*b].cost);
-    let Some(k) = (0..tried.len()).min_by(lowest_of) else {
-        return Ok(None);
+    map.charge_transfer = Some(law);
+    let at = |map: &CellMap| {
+        let kinetics = Kinetics {
+            bent: Some(Arc::new(map.clone())),
+            ..kinetics.clone()
+        };
+        evaluate(design, train, kinetics)
     };
-    // The largest one bends nothing: the data show none.
-    if k == tried.len() - 1 {
-        return Ok(None);
+    let mut found = at(&map)?;
+    for _ in 1..MOST_SOLUTIONS {
+        let solved = design.map(&found.kinetics, &found.solved);
+        map = ahead(&map, solved, design.transfers());
+        let next = at(&map)?;
+        let is_settled = (next.cost - found.cost).abs() < SETTLED * next.cost;
+        found = next;
+        if is_settled {
+            break;
+        }
     }
-    let k = k.max(1);
-    let share = lowest(tried[k - 1].cost, tried[k].cost, tried[k + 1].cost).clamp(-1.0, 1.0);
-    // The rates are nearly equal steps of their logarithm.
-    let coarse_a = rates_a[k] * EXCHANGE_RATIO.powf(share);
-    let coarse = at(coarse_a)?;
-    let near = |factor: f64| at(coarse_a * factor);
-    let (below, above) = (near(1.0 / FINE_RATIO)?, near(FINE_RATIO)?);
-    let share = lowest(below.cost, coarse.cost, above.cost).clamp(-2.0, 2.0);
-    let fine = near(FINE_RATIO.powf(share))?;
-    let all = tried.into_iter().chain([coarse, below, above, fine]);
-    Ok(all.min_by(|a, b| a.cost.total_cmp(&b.cost)))
+    Ok(found)
+}
+
+/// Returns a solved map with its branches of charge transfer further away from those of the map before it.
+fn ahead(before: &CellMap, mut solved: CellMap, transfers: usize) -> CellMap {
+    let whole = |map: &CellMap, node: usize, knot: usize| -> f64 {
+        let fast = map.branches[..transfers].iter();
+        fast.map(|branch| branch.resistance.r_ohm[node][knot]).sum()
+    };
+    for node in 0..solved.temperature_degc.len() {
+        for knot in 0..solved.soc.len() {
+            let (old, new) = (whole(before, node, knot), whole(&solved, node, knot));
+            if old <= 0.0 || new <= 0.0 {
+                continue;
+            }
+            let factor = (new / old).powf(AHEAD - 1.0);
+            for branch in &mut solved.branches[..transfers] {
+                branch.resistance.r_ohm[node][knot] *= factor;
+            }
+        }
+    }
+    solved
 }
 
 /// Returns the lowest point of the parabola through three equidistant costs, in steps from the middle.

@@ -19,7 +19,7 @@ const ROUNDS: usize = 2;
 pub(super) fn find(
     design: &Design,
     train: &Train,
-    kinetics: Kinetics,
+    kinetics: &Kinetics,
     without: &Solved,
 ) -> Result<Option<f64>, MapFitError> {
     let step_s = train.shortest_step_s();

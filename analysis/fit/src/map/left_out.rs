@@ -39,7 +39,7 @@ impl<'a> LeftOut<'a> {
     /// Fits the map once without each fitted spectrum, if there are three or more. `all` is the solution
     /// with every spectrum.
     pub(super) fn new(all: &Solution, train: &Train<'a>) -> Self {
-        let (design, kinetics, solved) = (&all.design, all.kinetics, &all.solved);
+        let (design, kinetics, solved) = (&all.design, &all.kinetics, &all.solved);
         if train.sweeps.len() < LEAST_SPECTRA {
             return Self {
                 spectra: Vec::new(),

@@ -19,6 +19,7 @@ use analysis_model::ocv::OcvCurve;
 use analysis_signal::series::{Role, TimeSeries};
 use nalgebra::DMatrix;
 use serde::Serialize;
+use std::sync::Arc;
 
 /// Shortest time between two rows of a pulse, s.
 const PULSE_STEP_S: f64 = 0.1;
@@ -165,9 +166,9 @@ impl<'a> Planner<'a> {
                 .branches
                 .first()
                 .map_or(0.0, |b| b.resistance.activation_j_per_mol),
-            exchange_a: fit.map.charge_transfer.map(|law| law.exchange_current_a),
+            bent: fit.map.charge_transfer.map(|_| Arc::new(fit.map.clone())),
         };
-        let covariance = design.equations(&train, kinetics).covariance();
+        let covariance = design.equations(&train, &kinetics).covariance();
         let covariance = covariance.ok_or(MapFitError::Singular("no place is determined"))?;
         let mut goal = DMatrix::zeros(design.count(), design.count());
         for load in loads {
@@ -176,7 +177,7 @@ impl<'a> Planner<'a> {
             design.add_log(
                 &log,
                 0.0,
-                kinetics,
+                &kinetics,
                 |stands_s, _| (stands_s / duration_s).sqrt(),
                 &mut |rows, _| Rows::of(rows).add_square_to(&mut goal),
             );
@@ -261,7 +262,7 @@ impl<'a> Planner<'a> {
                 let sweep = Sweep::new(&self.spectrum(offer, freqs_hz), ocv)?;
                 let sweep = sweep.fit_from(self.fitted.fit.spectra_from_hz);
                 let scale = self.fitted.fit.scales.spectra;
-                design.add_sweep(&sweep, scale, self.kinetics, &mut keep);
+                design.add_sweep(&sweep, scale, &self.kinetics, &mut keep);
             }
             Signal::Pulses(parts) => {
                 let log = Log::new(&pulses(offer, parts), ocv)?;
@@ -273,7 +274,7 @@ impl<'a> Planner<'a> {
                     ocv,
                 };
                 let weight = |stands_s: f64, soc: f64| train.weight(stands_s, soc);
-                design.add_log(&log, 0.0, self.kinetics, weight, &mut keep);
+                design.add_log(&log, 0.0, &self.kinetics, weight, &mut keep);
             }
         }
         let count = kept.iter().map(DMatrix::nrows).sum();

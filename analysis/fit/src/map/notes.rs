@@ -37,9 +37,10 @@ impl Design {
         }
         if let Some(law) = map.charge_transfer {
             notes.push(format!(
-                "resistances of branches up to {} s fall under current, with an exchange current of {:.2} A \
-                at 25 °C; the map states them at small current",
-                law.slowest_s, law.exchange_current_a
+                "resistances of branches up to {} s fall under current, with {:.0} mV of charge transfer at \
+                25 °C; the map states them at small current",
+                law.slowest_s,
+                1e3 * law.voltage_v
             ));
         }
         if self.nodes() == 1 {

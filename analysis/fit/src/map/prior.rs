@@ -18,7 +18,7 @@ const OCV_V_PER_K: f64 = 0.0002;
 const INDUCTANCE_SIGMA_H: f64 = 1e-6;
 
 impl Design {
-    pub(super) fn add_priors(&self, kinetics: Kinetics, normal: &mut Normal) {
+    pub(super) fn add_priors(&self, kinetics: &Kinetics, normal: &mut Normal) {
         let (knots, resistances) = (self.soc.len(), self.resistances());
         let bends: Vec<[(usize, f64); 3]> = (1..knots - 1).map(|k| bend(&self.soc, k)).collect();
         for surface in 0..self.surfaces() {

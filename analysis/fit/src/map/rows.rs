@@ -19,7 +19,7 @@ impl Design {
         &self,
         log: &Log,
         lag_s: f64,
-        kinetics: Kinetics,
+        kinetics: &Kinetics,
         weight: impl Fn(f64, f64) -> f64,
         add: &mut impl FnMut(&DMatrix<f64>, &DVector<f64>),
     ) {
@@ -40,11 +40,13 @@ impl Design {
         let mut right = DVector::<f64>::zeros(CHUNK);
         let mut filled = 0;
         let mut before = (Drive::new(None, 1.0, 0.0), [(0, 0, 0.0); 4]);
+        let bent = kinetics.bent.as_deref();
+        let mut bent_ohm = vec![0.0; bent.map_or(0, |map| map.branches.len())];
         for k in 0..log.len() {
             let (soc, degc, i) = (samples.soc[k], samples.temperature_degc[k], current_a[k]);
             let at = map.place(soc, degc);
-            let law = map.charge_transfer;
-            let drive = Drive::new(law.map(|law| law.exchange_a(degc)), 1.0, i);
+            let exchange_a = bent.and_then(|map| map.values(soc, degc, &mut bent_ohm).exchange_a);
+            let drive = Drive::new(exchange_a, 1.0, i);
             let weights = map.weights(&at, kinetics.branches);
             let driven = (drive, weights.map(|(node, knot, w)| (node, knot, w * i)));
             if log.begins_at(k) {
@@ -108,7 +110,7 @@ impl Design {
         &self,
         sweep: &Sweep,
         scale: f64,
-        kinetics: Kinetics,
+        kinetics: &Kinetics,
         add: &mut impl FnMut(&DMatrix<f64>, &DVector<f64>),
     ) {
         let map = self.empty_map(kinetics);

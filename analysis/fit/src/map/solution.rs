@@ -22,7 +22,7 @@ impl Solution {
     pub(super) fn search(train: &mut Train, options: &MapOptions) -> Result<Self, MapFitError> {
         let design = Design::new(train, &[], options)?;
         let (kinetics, first) = kinetics::search(&design, train)?;
-        let map = design.map(kinetics, &first);
+        let map = design.map(&kinetics, &first);
         let of_train = train.logs.iter();
         let residuals: Vec<Vec<f64>> = of_train
             .map(|log| score::residuals(&map, log, train.lag_s))
@@ -38,7 +38,7 @@ impl Solution {
         train: &Train,
         kinetics: Kinetics,
     ) -> Result<Self, MapFitError> {
-        let equations = design.equations(train, kinetics);
+        let equations = design.equations(train, &kinetics);
         let solved = equations.solve(design.resistances(), None)?;
         Ok(Self {
             design,
@@ -50,7 +50,7 @@ impl Solution {
 
     /// Returns the map, without standard deviations.
     pub(super) fn map(&self) -> CellMap {
-        self.design.map(self.kinetics, &self.solved)
+        self.design.map(&self.kinetics, &self.solved)
     }
 
     /// Inductance of the wiring in the spectra, H.

@@ -2,7 +2,9 @@
 
 use super::options::MapFitError;
 use crate::drt::nonnegative;
+use analysis_model::map::CellMap;
 use nalgebra::{DMatrix, DVector};
+use std::sync::Arc;
 
 /// Shift of free unknowns, in which a bound at zero never acts, in their own unit.
 const SHIFT: f64 = 10.0;
@@ -11,15 +13,15 @@ const SHIFT: f64 = 10.0;
 pub(super) const INDUCTANCE_H: f64 = 1e-7;
 
 /// How resistances follow temperature and current.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub(super) struct Kinetics {
     /// Activation energy of the series resistance, J/mol.
     pub(super) series: f64,
-    /// That of the branches and of their exchange current, J/mol.
+    /// That of the branches, J/mol.
     pub(super) branches: f64,
-    /// Exchange current of the branches of charge transfer at 25 °C, A; `None` if
-    /// the data do not show it.
-    pub(super) exchange_a: Option<f64>,
+    /// A map whose resistances and voltage of charge transfer give the exchange current at each place;
+    /// `None` if the data show no fall under current.
+    pub(super) bent: Option<Arc<CellMap>>,
 }
 
 /// Start and prior of the activation energies, J/mol: ionic conduction, and charge transfer with
@@ -28,7 +30,7 @@ pub(super) struct Kinetics {
 pub(super) const START: Kinetics = Kinetics {
     series: 15e3,
     branches: 35e3,
-    exchange_a: None,
+    bent: None,
 };
 
 /// Normal equations of weighted rows and priors.

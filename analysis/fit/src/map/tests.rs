@@ -291,7 +291,7 @@ fn spectra_that_contradict_the_logs_give_way_at_the_frequencies_of_the_logs() {
 #[test]
 fn a_resistance_that_falls_under_current_is_found_and_one_that_does_not_is_straight() {
     // The truth of `log` with a further branch of 40 mΩ and 0.5 s that current bends: i₀ is 1.5 A at
-    // 25 °C, with 30 kJ/mol.
+    // 25 °C, with 30 kJ/mol, so that 2·i₀·R is 0.12 V.
     let mut bend = log("bent", 25.0, 7, Role::Train);
     let series = &mut bend.series;
     let mut v = 0.0;
@@ -319,7 +319,7 @@ fn a_resistance_that_falls_under_current_is_found_and_one_that_does_not_is_strai
         .map
         .charge_transfer
         .expect("a resistance that falls under current");
-    assert!((law.exchange_current_a - 1.5).abs() < 0.3, "{law:?}");
+    assert!((law.voltage_v - 0.12).abs() < 0.012, "{law:?}");
     let straight = MapData {
         logs: vec![log("straight", 25.0, 7, Role::Train)],
         spectra: Vec::new(),

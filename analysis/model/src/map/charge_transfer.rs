@@ -1,35 +1,47 @@
 //! Fall of a resistance under current by charge transfer.
 
-use super::constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
+use super::constants::ZERO_DEGC_K;
+use super::{CellMap, Drive};
 use serde::{Deserialize, Serialize};
 
-/// Temperature of the stated exchange current, °C.
+/// Temperature of the stated voltage, °C.
 const REFERENCE_DEGC: f64 = 25.0;
 
 /// Butler–Volmer's law with equal shares of both directions, for the branches of charge transfer.
 ///
-/// The voltage v of a branch of at most `slowest_s` drives the current 2·i₀·sinh(v/(2·i₀·R)) through its
-/// resistance in the place of v/R. The exchange current is i₀ at 25 °C; elsewhere it is that by Arrhenius'
-/// law times the absolute temperature, because the thermal voltage is proportional to that. It does not
-/// follow the state of charge: the usual √(z·(1 − z)) belongs to an electrode that is used from empty to
-/// full, and no cell uses one so. Small currents meet the resistance of the map.
+/// In place of v/R, the voltage v of a branch of at most `slowest_s` drives the current
+/// 2·i₀·sinh(v/(2·i₀·R)) through its resistance. The exchange current i₀ is not a parameter: small currents
+/// meet the whole resistance ΣR of these branches, so that 2·i₀ = b/ΣR, with a voltage b that is
+/// 2·R_gas·T/F = 51 mV at 25 °C for one electrode, and more where two electrodes and the thickness of a
+/// porous one share the current. It follows the resistances over charge and temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChargeTransfer {
-    /// Exchange current of the cell at 25 °C, A.
-    pub exchange_current_a: f64,
-    /// Its activation energy, J/mol.
-    pub activation_j_per_mol: f64,
+    /// Voltage b of all these branches together at 25 °C, V; elsewhere it is proportional to the absolute
+    /// temperature.
+    pub voltage_v: f64,
     /// Longest time constant of a branch that the law bends, s.
     pub slowest_s: f64,
 }
 
 impl ChargeTransfer {
-    /// Returns the exchange current at a temperature, °C, in A.
-    pub fn exchange_a(&self, temperature_degc: f64) -> f64 {
-        let (here_k, reference_k) = (temperature_degc + ZERO_DEGC_K, REFERENCE_DEGC + ZERO_DEGC_K);
-        let exponent =
-            self.activation_j_per_mol / GAS_J_PER_MOL_K * (1.0 / reference_k - 1.0 / here_k);
-        self.exchange_current_a * exponent.exp() * here_k / reference_k
+    /// Returns the voltage b at a temperature, °C, in V.
+    pub fn bend_v(&self, temperature_degc: f64) -> f64 {
+        self.voltage_v * (temperature_degc + ZERO_DEGC_K) / (REFERENCE_DEGC + ZERO_DEGC_K)
+    }
+
+    /// Returns the exchange current of a cell whose branches of charge transfer have a whole resistance, Ω,
+    /// at a temperature, °C, in A.
+    pub fn exchange_a(&self, whole_ohm: f64, temperature_degc: f64) -> f64 {
+        0.5 * self.bend_v(temperature_degc) / whole_ohm.max(Drive::LEAST_OHM)
+    }
+}
+
+impl CellMap {
+    /// Number of branches of charge transfer: the first ones.
+    pub fn transfers(&self) -> usize {
+        let slowest_s = self.charge_transfer.map_or(0.0, |law| law.slowest_s);
+        self.branches
+            .partition_point(|branch| branch.tau_s <= slowest_s)
     }
 }

@@ -129,26 +129,27 @@ fn what_is_no_map_is_refused_by_field() {
     }
 }
 
-/// Expected values by hand: 25 °C is the reference; at 5 °C the exchange current is
-/// 3·exp(−40000/8.314462618·(1/278.15 − 1/298.15))·278.15/298.15 = 0.8772 A; 2·3·asinh(10/6) = 7.7028.
+/// Expected values by hand: 0.12 V over 15 mΩ and 5 mΩ is 2·3 A at 25 °C; at 5 °C the thermal voltage is
+/// 278.15/298.15 of that, and the exchange current of 20 mΩ 2.7988 A; 2·3·asinh(10/6) = 7.7028.
 #[test]
 fn charge_transfer_bends_the_current_of_fast_branches() {
     let law = ChargeTransfer {
-        exchange_current_a: 3.0,
-        activation_j_per_mol: 40e3,
-        slowest_s: 5.0,
+        voltage_v: 0.12,
+        slowest_s: 20.0,
     };
-    assert!((law.exchange_a(25.0) - 3.0).abs() < 1e-12);
-    assert!(
-        (law.exchange_a(5.0) - 0.8772).abs() < 1e-4,
-        "{}",
-        law.exchange_a(5.0)
-    );
+    assert!((law.exchange_a(0.02, 25.0) - 3.0).abs() < 1e-12);
+    assert!((law.exchange_a(0.02, 5.0) - 2.7988).abs() < 1e-4);
     let mut map = map();
     map.charge_transfer = Some(law);
+    let fast = MapBranch {
+        tau_s: 0.5,
+        resistance: surface(&[[0.015; 3]; 2]),
+    };
+    map.branches.insert(0, fast);
     map.validate().unwrap();
+    assert_eq!(map.transfers(), 2);
     let drive = |tau_s: f64, current_a: f64| {
-        let values = map.values(0.5, 25.0, &mut [0.0]);
+        let values = map.values(0.5, 25.0, &mut [0.0; 2]);
         values.drive(tau_s, 0.01, current_a)
     };
     assert_eq!(drive(50.0, 10.0), Drive::new(None, 0.01, 10.0));
@@ -164,12 +165,12 @@ fn charge_transfer_bends_the_current_of_fast_branches() {
     }
     assert!((drive(50.0, 10.0).lost_w(0.1, 0.01) - 1.0).abs() < 1e-12);
     map.charge_transfer = Some(ChargeTransfer {
-        exchange_current_a: 0.0,
+        voltage_v: 0.0,
         ..law
     });
     let message = map.validate().unwrap_err().to_string();
     assert!(
-        message.contains("charge_transfer.exchange_current_a"),
+        message.contains("charge_transfer.voltage_v"),
         "{message}"
     );
 }
@@ -179,8 +180,7 @@ fn values_are_those_of_each_surface_and_of_the_law() {
     let mut map = map();
     map.series.activation_j_per_mol = 15e3;
     map.charge_transfer = Some(ChargeTransfer {
-        exchange_current_a: 4.0,
-        activation_j_per_mol: 40e3,
+        voltage_v: 0.06,
         slowest_s: 3.0,
     });
     let mut fast = map.branches[0].clone();

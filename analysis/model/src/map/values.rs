@@ -37,7 +37,7 @@ impl CellMap {
         let mut energy = self.series.activation_j_per_mol;
         let mut factors = at.factors(energy);
         let r_ohm = self.series.weighted_ohm(&nodes, factors);
-        for (branch, r_ohm) in self.branches.iter().zip(branch_ohm) {
+        for (branch, r_ohm) in self.branches.iter().zip(&mut *branch_ohm) {
             let surface = &branch.resistance;
             if surface.activation_j_per_mol != energy {
                 energy = surface.activation_j_per_mol;
@@ -46,10 +46,11 @@ impl CellMap {
             *r_ohm = surface.weighted_ohm(&nodes, factors);
         }
         let law = self.charge_transfer;
+        let whole_ohm = || branch_ohm[..self.transfers()].iter().sum();
         MapValues {
             r_ohm,
             correction_v: self.ocv_correction_v(&at, temperature_degc),
-            exchange_a: law.map(|law| law.exchange_a(temperature_degc)),
+            exchange_a: law.map(|law| law.exchange_a(whole_ohm(), temperature_degc)),
             slowest_s: law.map_or(0.0, |law| law.slowest_s),
             outside: at.outside,
         }

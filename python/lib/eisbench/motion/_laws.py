@@ -90,8 +90,6 @@ def _scaled(value: Any, factor: float) -> Any:
         for key, inner in cast("dict[str, Any]", value).items():
             if key == "r_ohm":
                 out[key] = [[factor * r_ohm for r_ohm in row] for row in inner]
-            elif key == "exchange_current_a":
-                out[key] = inner / factor
             else:
                 out[key] = _scaled(inner, factor)
         return out

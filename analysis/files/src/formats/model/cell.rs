@@ -184,7 +184,7 @@ impl CellModel {
                 ("@DENSE_OCV_V@", list(&dense_v)),
             ]);
         }
-        marks.extend(parts::branches(format, map.branches.as_slice()));
+        marks.extend(parts::branches(format, &map));
         marks
     }
 

@@ -2,7 +2,7 @@
 
 use super::error::ModelFormat;
 use super::text::{Mark, Style, number};
-use analysis_model::map::MapBranch;
+use analysis_model::map::CellMap;
 
 // C: a file and a law for each kind of model, the rest for all.
 const C_POINT: &str = include_str!("cell.h.in");
@@ -123,7 +123,8 @@ fn casadi(map: bool, added: bool) -> Vec<Mark> {
 }
 
 /// Returns the parts that repeat for each branch.
-pub(super) fn branches(format: ModelFormat, branches: &[MapBranch]) -> Vec<Mark> {
+pub(super) fn branches(format: ModelFormat, map: &CellMap) -> Vec<Mark> {
+    let branches = &map.branches;
     let each = |text: &dyn Fn(usize, f64) -> String| -> String {
         let numbered = (1..).zip(branches);
         numbered.map(|(k, branch)| text(k, branch.tau_s)).collect()
@@ -141,9 +142,16 @@ pub(super) fn branches(format: ModelFormat, branches: &[MapBranch]) -> Vec<Mark>
         }
         ModelFormat::Modelica => {
             let heat = each(&|k, _| {
-                format!("\n      + lost_w(twice_a[{k}], branch_v[{k}], branch_ohm[{k}])")
+                format!("\n      + lost_w(twice_a, {k}, branch_v[{k}], branch_ohm[{k}])")
             });
             let sum = each(&|k, _| format!(" + branch_v[{k}]"));
+            let whole: Vec<String> = (1..=map.transfers())
+                .map(|k| format!("branch_ohm[{k}]"))
+                .collect();
+            let whole = match whole.is_empty() {
+                true => "0.0".to_owned(),
+                false => whole.join(" + "),
+            };
             let taus = style(format).list(branches.iter().map(|branch| branch.tau_s));
             let (sum, taus) = match branches.is_empty() {
                 true => ("0.0".to_owned(), "fill(0.0, 0)".to_owned()),
@@ -152,6 +160,7 @@ pub(super) fn branches(format: ModelFormat, branches: &[MapBranch]) -> Vec<Mark>
             vec![
                 ("@MODELICA_HEAT@", heat),
                 ("@MODELICA_SUM_V@", sum),
+                ("@MODELICA_WHOLE_OHM@", whole),
                 ("@MODELICA_TAU@", taus),
             ]
         }

@@ -52,10 +52,6 @@ pub(super) fn marks(map: &CellMap, style: Style) -> Vec<Mark> {
     let thermal = map
         .thermal
         .map_or((0.0, 0.0), |t| (t.capacity_j_per_k, t.resistance_k_per_w));
-    let exchange = map.charge_transfer.map_or([0.0; 3], |law| {
-        let activation_k = law.activation_j_per_mol / GAS_J_PER_MOL_K;
-        [law.exchange_current_a, activation_k, law.slowest_s]
-    });
     let nodes = &map.temperature_degc;
     let within = |degc: f64| {
         let (least, most) = TEMPERATURES_DEGC.into_inner();
@@ -84,9 +80,11 @@ pub(super) fn marks(map: &CellMap, style: Style) -> Vec<Mark> {
         ("@OCV_DEGC@", number(map.ocv_temperature_degc)),
         ("@HEAT@", number(thermal.0)),
         ("@THERMAL@", number(thermal.1)),
-        ("@EXCHANGE_A@", number(exchange[0])),
-        ("@EXCHANGE_K@", number(exchange[1])),
-        ("@EXCHANGE_SLOWEST_S@", number(exchange[2])),
+        ("@TRANSFERS@", map.transfers().to_string()),
+        (
+            "@TRANSFER_V@",
+            number(map.charge_transfer.map_or(0.0, |law| law.voltage_v)),
+        ),
         ("@RC@", map.branches.len().to_string()),
         ("@T_STEP_K@", number(step_k)),
         ("@T_LOW_K@", within(nodes[0] - TABLE_BEYOND_K)),

@@ -200,8 +200,7 @@ fn mapped() -> CellModel {
             ocv_v_per_k: vec![1e-4, 0.0, -1e-4],
             ocv_temperature_degc: 25.0,
             charge_transfer: Some(ChargeTransfer {
-                exchange_current_a: 3.0,
-                activation_j_per_mol: 40e3,
+                voltage_v: 0.06,
                 slowest_s: 5.0,
             }),
             thermal: Some(Thermal {

@@ -103,8 +103,7 @@ fn resistances_follow_charge_and_heat_as_the_equations_say() {
         Some(thermal),
     );
     map.charge_transfer = Some(ChargeTransfer {
-        exchange_current_a: 4.0,
-        activation_j_per_mol: 40e3,
+        voltage_v: 0.06,
         slowest_s: 1.0,
     });
     let model = SimModel::mapped(map.clone(), curve(), Pack::new(1, 1, 0.0).unwrap(), 5.0).unwrap();
@@ -136,15 +135,15 @@ fn resistances_follow_charge_and_heat_as_the_equations_say() {
         let sum: f64 = v.iter().sum();
         last_v = curve().voltage_v(soc) - r0 * i - sum;
         let mut heat_w = r0 * i * i;
+        let fast = map.branches.iter().filter(|branch| branch.tau_s <= 1.0);
+        let whole_ohm: f64 = fast.map(|b| map.resistance_ohm(&b.resistance, &at)).sum();
+        let twice_a = 0.06 * (degc + 273.15) / 298.15 / whole_ohm;
         for (v, branch) in v.iter_mut().zip(&map.branches) {
             let r = map.resistance_ohm(&branch.resistance, &at);
-            let law = map
-                .charge_transfer
-                .filter(|law| branch.tau_s <= law.slowest_s);
-            let leaking_a = law.map_or(*v / r, |law| {
-                let twice_a = 2.0 * law.exchange_a(degc);
-                twice_a * (*v / (twice_a * r)).sinh()
-            });
+            let leaking_a = match branch.tau_s <= 1.0 {
+                true => twice_a * (*v / (twice_a * r)).sinh(),
+                false => *v / r,
+            };
             heat_w += *v * leaking_a;
             *v += h / branch.tau_s * r * (i - leaking_a);
         }

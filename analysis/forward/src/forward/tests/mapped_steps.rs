@@ -19,8 +19,7 @@ fn models(pack: Pack) -> Vec<(String, SimModel)> {
         map.ocv_offset_v = vec![0.01, -0.004, 0.002];
         map.ocv_v_per_k = vec![2e-4, 0.0, -1e-4];
         map.charge_transfer = bent.then_some(ChargeTransfer {
-            exchange_current_a: 3.0,
-            activation_j_per_mol: 40e3,
+            voltage_v: 0.06,
             slowest_s: 1.0,
         });
         let name = format!("bent {bent}, heated {heated}");

@@ -45,13 +45,6 @@ impl<'a> MapCell<'a> {
         moving.unwrap_or(self.mapped.ambient_degc)
     }
 
-    /// Branches that lose their charge by the law of charge transfer: the first ones.
-    fn bent(&self) -> usize {
-        let slowest_s = self.map().charge_transfer.map_or(0.0, |law| law.slowest_s);
-        let branches = &self.map().branches;
-        branches.partition_point(|branch| branch.tau_s <= slowest_s)
-    }
-
     /// Returns what a second and a watt do to the temperature over the surroundings over a step: the
     /// share that stays, and K/W.
     fn warmed(&self, step_s: f64) -> [f64; 2] {
@@ -217,7 +210,7 @@ impl<'a, const W: usize, const L: usize> MapLanes<'a, W, L> {
         let row =
             |f: &dyn Fn(&MapCell<'a>) -> f64| -> Row<W> { std::array::from_fn(|l| f(&cells[l])) };
         let most = |f: &dyn Fn(&MapCell<'a>) -> usize| cells.iter().map(f).max().unwrap_or(0);
-        let bent_branches = most(&MapCell::bent);
+        let bent_branches = most(&|cell| cell.map().transfers());
         let branches = most(&|cell| cell.map().branches.len());
         let bent_blocks = bent_branches.div_ceil(L / W);
         let blocks = bent_blocks + (branches - bent_branches).div_ceil(L / W);
@@ -251,7 +244,7 @@ impl<'a, const W: usize, const L: usize> MapLanes<'a, W, L> {
         };
         lanes.gains = lengths_s.iter().map(|h| lanes.gain(*h)).collect();
         for (l, cell) in cells.iter().enumerate() {
-            for k in 0..cell.bent() {
+            for k in 0..cell.map().transfers() {
                 let (block, j) = lanes.slot(l, k);
                 lanes.blocks[block].straight[j] = 1.0;
             }
@@ -365,7 +358,7 @@ impl<'a, const W: usize, const L: usize> MapLanes<'a, W, L> {
         let place = self.piece.place(l, self.now.soc[l], self.now.degc[l]);
         let series_ohm = self.piece.series_ohm::<true>(l, place);
         self.now.r[l] = series_ohm + self.fixed.interconnect[l];
-        self.now.twice[l] = self.piece.twice_a(l, place);
+        self.now.twice[l] = self.piece.twice_a::<true>(l, place);
         let mut sum_v = 0.0;
         for block in &mut self.blocks {
             for j in (l..L).step_by(W) {

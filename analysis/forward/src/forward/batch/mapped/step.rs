@@ -159,7 +159,7 @@ fn step<const W: usize, const L: usize, const LAW: u8, const HEATED: bool>(
     }
     if fixed.bent_blocks > 0 {
         for l in 0..W {
-            middle.twice[1][l] = piece.twice_a(l, middle.place(l));
+            middle.twice[1][l] = piece.twice_a::<HEATED>(l, middle.place(l));
         }
     }
     let many = middle.beside::<L>();

@@ -6,8 +6,9 @@
 //! node; values are linear between the exact ones at its ends, to (E/(R·T²)·BAND_K)²/8 of themselves:
 //! 1.3·10⁻⁵ for 60 kJ/mol at 0 °C, 4·10⁻⁶ for 35 kJ/mol.
 
+use super::super::law::more;
 use super::super::ocv_piece::{LaneCurve, OcvPiece, Row};
-use analysis_model::map::{CellMap, MapValues};
+use analysis_model::map::{CellMap, Drive, MapValues};
 use analysis_model::pack::Pack;
 
 /// Width of a piece in temperature, K.
@@ -89,8 +90,11 @@ pub(super) struct Piece<const W: usize> {
     warmer: [Row<W>; 2],
     /// Series resistance without the interconnect, Ω.
     series: Surface<W>,
-    /// Twice the exchange current, A: c₀ + c₁·u.
-    exchange: [Row<W>; 2],
+    /// Voltage of charge transfer of all cells in series, V: c₀ + c₁·u.
+    bend: [Row<W>; 2],
+    /// Whole resistance of the branches of charge transfer, Ω, and the smallest that counts.
+    whole: Surface<W>,
+    least: Row<W>,
     /// Both ends in temperature, °C.
     degc: [Row<W>; 2],
 }
@@ -139,7 +143,9 @@ impl<const W: usize> Piece<W> {
             },
             warmer: [[0.0; W]; 2],
             series: Surface::ZERO,
-            exchange: [[0.0; W]; 2],
+            bend: [[0.0; W]; 2],
+            whole: Surface::ZERO,
+            least: [1.0; W],
             degc: [[0.0; W]; 2],
         }
     }
@@ -181,8 +187,9 @@ impl<const W: usize> Piece<W> {
 
     /// Returns twice the exchange current, A.
     #[inline(always)]
-    pub(super) fn twice_a(&self, l: usize, place: Place) -> f64 {
-        self.exchange[0][l] + self.exchange[1][l] * place.u
+    pub(super) fn twice_a<const HEATED: bool>(&self, l: usize, place: Place) -> f64 {
+        let bend_v = self.bend[0][l] + self.bend[1][l] * place.u;
+        bend_v / more(self.whole.at::<HEATED>(l, place), self.least[l])
     }
 
     /// Moves a lane to the piece of a state. `branch` takes the surface of each branch; `ohm` is room
@@ -238,19 +245,19 @@ impl<const W: usize> Piece<W> {
         self.warmer[0][l] = correction[2];
         self.warmer[1][l] = correction[3];
         // Without the law the value only keeps linear branches beside bent ones linear.
-        let twice_a = |degc: f64| {
-            map.charge_transfer.map_or(1.0, |law| {
-                2.0 * f64::from(pack.parallel) * law.exchange_a(degc)
-            })
-        };
-        let [cold, warm] = corners.degc.map(twice_a);
+        let bend_v = |degc: f64| map.charge_transfer.map_or(1.0, |law| series * law.bend_v(degc));
+        let [cold, warm] = corners.degc.map(bend_v);
         let apart_k = corners.degc[1] - corners.degc[0];
-        self.exchange[0][l] = cold;
-        self.exchange[1][l] = if apart_k > NARROW {
+        self.bend[0][l] = cold;
+        self.bend[1][l] = if apart_k > NARROW {
             (warm - cold) / apart_k
         } else {
             0.0
         };
+        let transfers = map.transfers();
+        let whole = through(&|corner| ohm[corner][..transfers].iter().sum()).scaled(ratio);
+        self.whole.set(l, whole);
+        self.least[l] = ratio * Drive::LEAST_OHM;
         (0..map.branches.len()).for_each(|k| {
             let value = through(&|corner| ohm[corner][k]).scaled(ratio);
             branch(k, BranchValue(value));

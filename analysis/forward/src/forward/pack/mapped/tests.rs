@@ -38,8 +38,7 @@ fn map() -> CellMap {
         ocv_v_per_k: vec![1e-4, 0.0, -1e-4],
         ocv_temperature_degc: 25.0,
         charge_transfer: Some(ChargeTransfer {
-            exchange_current_a: 3.0,
-            activation_j_per_mol: 35e3,
+            voltage_v: 0.06,
             slowest_s: 3.0,
         }),
         thermal: Some(Thermal {
