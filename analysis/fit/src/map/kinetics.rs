@@ -24,8 +24,8 @@ const VOLTAGE_STEP: f64 = 0.35;
 const VOLTAGE_ROUNDS: usize = 2;
 /// Solutions until the exchange current belongs to the resistances, at most, and the relative change of the
 /// cost at which it does.
-const MOST_SOLUTIONS: usize = 6;
-const SETTLED: f64 = 1e-3;
+const MOST_SOLUTIONS: usize = 4;
+const SETTLED: f64 = 3e-3;
 /// Exponent of the change of a resistance from one of these solutions to the next: the more a branch is
 /// bent, the less of an error one solution removes, at a third of the resistance a third.
 const AHEAD: f64 = 1.5;
