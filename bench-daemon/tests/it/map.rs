@@ -108,8 +108,7 @@ fn exports_take_a_map_and_a_task_of_one_point_says_so_or_refuses_it() {
         if format == "simscape" {
             assert_eq!(code, 0, "{error}");
             let mut bent = json(Path::new(model));
-            let law =
-                r#"{"voltage_v": 0.05, "slowest_s": 3.0}"#;
+            let law = r#"{"voltage_v": 0.05, "slowest_s": 3.0}"#;
             bent["map"]["charge_transfer"] = serde_json::from_str(law).unwrap();
             let path = folder.path().join("map.json");
             fs::write(&path, bent.to_string()).unwrap();

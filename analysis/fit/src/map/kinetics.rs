@@ -6,7 +6,7 @@ use super::options::MapFitError;
 use super::solve::{Kinetics, START, Solved};
 use super::train::Train;
 use analysis_model::map::{CellMap, ChargeTransfer};
-use std::sync::Arc;
+use std::{ops::RangeInclusive, sync::Arc};
 
 /// Standard deviation of both energies about their prior, J/mol.
 const ENERGY_SIGMA: f64 = 12e3;
@@ -18,10 +18,11 @@ const ENERGY_ROUNDS: usize = 2;
 /// in a porous electrode.
 const VOLTAGE_V: f64 = 0.06;
 const VOLTAGE_SIGMA: f64 = 0.3;
-/// Step of the search of the logarithm of that voltage; one move is at most twice as long.
-const VOLTAGE_STEP: f64 = 0.35;
-/// Rounds of that search.
+/// First factor between two voltages of the search, number of its rounds, each with half the logarithm,
+/// and the range of the search, V.
+const VOLTAGE_FACTOR: f64 = 2.0;
 const VOLTAGE_ROUNDS: usize = 2;
+const VOLTAGES_V: RangeInclusive<f64> = 0.01..=2.0;
 /// Solutions until the exchange current belongs to the resistances, at most, and the relative change of the
 /// cost at which it does.
 const MOST_SOLUTIONS: usize = 4;
@@ -105,25 +106,40 @@ fn improve_energies(design: &Design, train: &Train, mut best: Found) -> Result<F
     Ok(best)
 }
 
-/// Finds the voltage of charge transfer with the lowest cost.
+/// Finds the voltage of charge transfer with the lowest cost: walks from the expected one while the cost
+/// falls, then halves the step.
 fn find_voltage(design: &Design, train: &Train, without: &Found) -> Result<Found, MapFitError> {
     let start = design.map(&without.kinetics, &without.solved);
-    let mut best = settle(design, train, &without.kinetics, start, VOLTAGE_V)?;
-    let mut step = VOLTAGE_STEP;
+    let from = |found: &Found, voltage_v: f64| {
+        let map = design.map(&found.kinetics, &found.solved);
+        settle(design, train, &found.kinetics, map, voltage_v)
+    };
+    let mut best_v = VOLTAGE_V;
+    let mut best = settle(design, train, &without.kinetics, start, best_v)?;
+    let mut factor = VOLTAGE_FACTOR;
     for _ in 0..VOLTAGE_ROUNDS {
-        let beside = |by: f64| {
-            let map = design.map(&best.kinetics, &best.solved);
-            let voltage_v = map.charge_transfer.map_or(VOLTAGE_V, |law| law.voltage_v);
-            settle(design, train, &best.kinetics, map, voltage_v * by.exp())
-        };
-        let (below, above) = (beside(-step)?, beside(step)?);
-        let share = lowest(below.cost, best.cost, above.cost).clamp(-2.0, 2.0);
-        let tried = beside(share * step)?;
-        let all = [below, above, tried];
-        best = all.into_iter().fold(best.clone(), |best, tried| {
-            if tried.cost < best.cost { tried } else { best }
-        });
-        step *= 0.5;
+        let mut costs = [f64::INFINITY; 2];
+        for (side, factor) in [(1, factor), (0, factor.recip())] {
+            loop {
+                let tried_v = best_v * factor;
+                let tried = from(&best, tried_v)?;
+                if tried.cost >= best.cost || !VOLTAGES_V.contains(&tried_v) {
+                    costs[side] = tried.cost;
+                    break;
+                }
+                costs[1 - side] = best.cost;
+                (best_v, best) = (tried_v, tried);
+            }
+            if costs[0].is_finite() && costs[1].is_finite() {
+                break;
+            }
+        }
+        let tried_v = best_v * factor.powf(lowest(costs[0], best.cost, costs[1]));
+        let tried = from(&best, tried_v)?;
+        if tried.cost < best.cost {
+            (best_v, best) = (tried_v, tried);
+        }
+        factor = factor.sqrt();
     }
     Ok(best)
 }

@@ -169,10 +169,7 @@ fn charge_transfer_bends_the_current_of_fast_branches() {
         ..law
     });
     let message = map.validate().unwrap_err().to_string();
-    assert!(
-        message.contains("charge_transfer.voltage_v"),
-        "{message}"
-    );
+    assert!(message.contains("charge_transfer.voltage_v"), "{message}");
 }
 
 #[test]

@@ -245,7 +245,10 @@ impl<const W: usize> Piece<W> {
         self.warmer[0][l] = correction[2];
         self.warmer[1][l] = correction[3];
         // Without the law the value only keeps linear branches beside bent ones linear.
-        let bend_v = |degc: f64| map.charge_transfer.map_or(1.0, |law| series * law.bend_v(degc));
+        let bend_v = |degc: f64| {
+            map.charge_transfer
+                .map_or(1.0, |law| series * law.bend_v(degc))
+        };
         let [cold, warm] = corners.degc.map(bend_v);
         let apart_k = corners.degc[1] - corners.degc[0];
         self.bend[0][l] = cold;
