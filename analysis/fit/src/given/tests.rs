@@ -78,6 +78,15 @@ fn what_is_no_model_is_refused_with_what_was_expected() {
             "typed model: R of the ERM: expected a positive finite number in Ω, met 0",
         ),
         (
+            r#"{"r_ohm": 0.01, "branches": [], "map": {"charge_transfer":
+                {"exchange_current_a": 2.0, "activation_j_per_mol": 3e4, "slowest_s": 3.0}}}"#,
+            "met exchange_current_a, which an earlier version wrote: fit the map again",
+        ),
+        (
+            r#"{"r_ohm": 0.01, "branches": [], "map": {"charge_transfer": {"slowest_s": 3.0}}}"#,
+            "charge_transfer: expected voltage_v, met none",
+        ),
+        (
             r#"{"r_ohm": 0.01, "branches": [], "log_covariance": [[1, 2]]}"#,
             "log_covariance: expected 1 rows and columns",
         ),

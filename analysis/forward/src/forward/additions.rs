@@ -19,8 +19,7 @@ use super::options::{Method, SimOptions, Simulation};
 use super::profile::Profile;
 use run::Run;
 
-/// Two runs, one with half the steps of the other, must agree at every row within this, V per cell
-/// and volt of overpotential above one.
+/// Two runs, one with half the steps of the other, must agree at every row within this, V per cell.
 const AGREE_V: f64 = 2e-6;
 
 /// As [`super::simulate`], which has checked state and options.
@@ -35,15 +34,7 @@ pub(super) fn simulate(
         model.linear_only("explicit Euler")?;
     }
     let play = |halvings: u32| Run::play(model, laws, state, profile, options, halvings);
-    let series = f64::from(model.pack.series);
-    let tolerance_v = |run: &Simulation| {
-        let moved = run.trace.ccv_v.iter().zip(&run.trace.ocv_v);
-        AGREE_V
-            * moved.fold(1.0, |most: f64, (v, ocv)| {
-                most.max((ocv - v).abs() / series)
-            })
-    };
-    halved(model, options, play, tolerance_v).map_err(|apart| match apart {
+    halved(model, options, AGREE_V, play).map_err(|apart| match apart {
         Apart::Failed(error) => error,
         Apart::Unresolved { tolerance_v, met_v } => ForwardError::Unresolved {
             names: laws.names(),

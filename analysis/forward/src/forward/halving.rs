@@ -27,16 +27,21 @@ pub(super) enum Apart {
     },
 }
 
-/// Repeats a run, given the number of halvings of its steps, until no row differs by more than the
-/// tolerance (V per cell) from the run before. A run that stops where power ends is as good as the
-/// instant at which it stops.
+/// Repeats a run, given the number of halvings of its steps, until no row differs by more than
+/// `agree_v` (V per cell) from the run before, or by as much more as the largest overpotential of a cell
+/// exceeds 1 V. A run that stops where power ends is as good as the instant at which it stops.
 pub(super) fn halved(
     model: &SimModel,
     options: &SimOptions,
+    agree_v: f64,
     play: impl Fn(u32) -> Result<Simulation, ForwardError>,
-    tolerance_v: impl Fn(&Simulation) -> f64,
 ) -> Result<Simulation, Apart> {
     let series = f64::from(model.pack.series);
+    let tolerance_v = |run: &Simulation| {
+        let rows = run.trace.ccv_v.iter().zip(&run.trace.ocv_v);
+        let losses_v = rows.map(|(v, ocv_v)| (ocv_v - v).abs() / series);
+        agree_v * losses_v.fold(1.0, f64::max)
+    };
     let mut coarse = play(0).map_err(Apart::Failed)?;
     let (mut met_v, mut allowed_v) = (f64::NAN, tolerance_v(&coarse));
     for halvings in 1..=MOST_HALVINGS {

@@ -34,7 +34,7 @@ pub(super) fn simulate(
         model.linear_only("explicit Euler")?;
     }
     let play = |halvings: u32| Run::play(model, mapped, state, profile, options, 1 << halvings);
-    halved(model, options, play, |_| AGREE_V).map_err(|apart| match apart {
+    halved(model, options, AGREE_V, play).map_err(|apart| match apart {
         Apart::Failed(error) => error,
         Apart::Unresolved { tolerance_v, met_v } => {
             ForwardError::MapUnresolved { tolerance_v, met_v }

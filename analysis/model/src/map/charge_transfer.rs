@@ -15,13 +15,42 @@ const REFERENCE_DEGC: f64 = 25.0;
 /// 2·R_gas·T/F = 51 mV at 25 °C for one electrode, and more where two electrodes and the thickness of a
 /// porous one share the current. It follows the resistances over charge and temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "Written")]
 pub struct ChargeTransfer {
     /// Voltage b of all these branches together at 25 °C, V; elsewhere it is proportional to the absolute
     /// temperature.
     pub voltage_v: f64,
     /// Longest time constant of a branch that the law bends, s.
     pub slowest_s: f64,
+}
+
+/// The law as a file has it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    voltage_v: Option<f64>,
+    slowest_s: f64,
+    exchange_current_a: Option<f64>,
+    #[serde(rename = "activation_j_per_mol")]
+    _activation_j_per_mol: Option<f64>,
+}
+
+impl TryFrom<Written> for ChargeTransfer {
+    type Error = &'static str;
+
+    fn try_from(written: Written) -> Result<Self, Self::Error> {
+        match (written.voltage_v, written.exchange_current_a) {
+            (Some(voltage_v), None) => Ok(Self {
+                voltage_v,
+                slowest_s: written.slowest_s,
+            }),
+            (_, Some(_)) => Err(
+                "charge_transfer: expected voltage_v, met exchange_current_a, which an earlier version \
+                wrote: fit the map again with eis-bench map",
+            ),
+            (None, None) => Err("charge_transfer: expected voltage_v, met none"),
+        }
+    }
 }
 
 impl ChargeTransfer {

@@ -34,7 +34,7 @@ pub(super) struct MappedCell {
     /// Factor of the series resistance.
     pub(super) r: f64,
     /// Factor of each branch resistance. That of a branch of charge transfer divides its exchange
-    /// current, because their product follows from the temperature alone.
+    /// current, so that the branch bends at the same voltage.
     pub(super) rk: Vec<f64>,
     /// Factor of each time constant.
     pub(super) tau: Vec<f64>,
