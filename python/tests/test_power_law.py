@@ -40,7 +40,7 @@ def mapped(request, tmp_path_factory):
         "thermal": {"capacity_j_per_k": 60.0, "resistance_k_per_w": 6.0},
     }
     if request.param:
-        law = {"voltage_v": request.param, "slowest_s": 10.0}
+        law = {"voltage_v": request.param, "slowest_s": 100.0}
         tables["charge_transfer"] = law
     ocv = {"capacity_ah": 4.5, "soc": [0, 0.5, 1], "ocv_v": [3, 3.7, 4.2], "slope_v": [2, 1.1, 1]}
     file = tmp_path_factory.mktemp("map") / "map.json"

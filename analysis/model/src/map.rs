@@ -67,6 +67,9 @@ pub struct CellMap {
     /// current.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub charge_transfer: Option<ChargeTransfer>,
+    /// Largest current of the logs that the map was fitted to, A; none without logs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub most_current_a: Option<f64>,
     /// Heat capacity and path to the surroundings; without them the cell stays at the temperature
     /// of the surroundings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -167,6 +170,9 @@ impl CellMap {
             positive("charge_transfer.voltage_v", law.voltage_v)?;
             positive("charge_transfer.slowest_s", law.slowest_s)?;
         }
+        if let Some(most_current_a) = self.most_current_a {
+            positive("most_current_a", most_current_a)?;
+        }
         if let Some(thermal) = self.thermal {
             for (field, met) in [
                 ("thermal.capacity_j_per_k", thermal.capacity_j_per_k),
@@ -252,6 +258,18 @@ impl CellMap {
             .iter()
             .map(|(k, share)| share * (self.ocv_offset_v[*k] + warmer_k * self.ocv_v_per_k[*k]))
             .sum()
+    }
+
+    /// Returns a remark if a cell carries a larger current, A, than the logs that the map was fitted to.
+    pub fn current_remark(&self, cell_a: f64) -> Option<String> {
+        let most_a = self
+            .most_current_a
+            .filter(|most_a| cell_a.abs() > *most_a)?;
+        Some(format!(
+            "a cell carries up to {:.1} A, the logs of the map {most_a:.1} A: the fall of the resistance \
+            beyond that is extrapolated",
+            cell_a.abs()
+        ))
     }
 
     /// Returns the weights of the temperature nodes at a place.

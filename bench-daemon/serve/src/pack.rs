@@ -385,7 +385,9 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
     };
     let run = simulate(&model, &state, &profile, &options).map_err(|error| error.to_string())?;
     let mut cautions = given.warnings;
-    if given.map.is_some() {
+    if let Some(map) = &given.map {
+        let cell_a = run.summary.most_current_a() / f64::from(pack.parallel);
+        cautions.extend(map.current_remark(cell_a));
         let outside = run.summary.outside_map.filter(Outside::is_outside);
         cautions.extend(
             outside.map(|outside| {

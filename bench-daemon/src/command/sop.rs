@@ -204,6 +204,7 @@ fn check_ocv(ocv_v: f64, window: &CellWindow, file: &GivenModel) -> Result<(), F
 /// Notes without which the result would mislead.
 fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
     let mut notes = model_args::notes(file);
+    let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);
     if let Some(cell) = &file.map {
         let places = map.iter().filter_map(|entry| entry.soc);
         let ambient_degc = args.ambient_degc.unwrap_or(AMBIENT_DEGC);
@@ -213,10 +214,10 @@ fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
         if outside.is_outside() {
             notes.push(format!("{outside}; there the resistances are extrapolated"));
         }
+        notes.extend(cell.current_remark(most(|e| e.discharge_cell_a.max(e.charge_cell_a))));
     }
     let places: Vec<f64> = map.iter().filter_map(|entry| entry.soc).collect();
     notes.extend(file.away_note(&places, args.ambient_degc.as_slice()));
-    let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);
     if args.max_discharge_a.is_none() || args.max_charge_a.is_none() {
         notes.push(format!(
             "only voltages limit where no current was given: up to {:.0} A out of and {:.0} A into \

@@ -54,7 +54,7 @@ def models():
     mapped = {"soc": soc, "temperature_degc": degc, "series": over[7e-3], "branches": branches, "thermal": thermal}
     mapped.update(ocv_offset_v=[2e-3, 0.0, -3e-3], ocv_v_per_k=[1e-4, 0.0, -1e-4], ocv_temperature_degc=25.0)
     changing = dict(point, name="map", ocv=dict(curve), map=mapped)
-    law = {"voltage_v": 0.03, "slowest_s": 10.0}
+    law = {"voltage_v": 0.05, "slowest_s": 100.0}
     bent = dict(point, name="bent", ocv=dict(curve), map=dict(mapped, charge_transfer=law))
     added = dict(point, name="added", ocv=dict(curve))
     added["facts"] = {

@@ -80,7 +80,7 @@ fn what_is_no_model_is_refused_with_what_was_expected() {
         (
             r#"{"r_ohm": 0.01, "branches": [], "map": {"charge_transfer":
                 {"exchange_current_a": 2.0, "activation_j_per_mol": 3e4, "slowest_s": 3.0}}}"#,
-            "met exchange_current_a, which an earlier version wrote: fit the map again",
+            "which an earlier version wrote: fit the map again",
         ),
         (
             r#"{"r_ohm": 0.01, "branches": [], "map": {"charge_transfer": {"slowest_s": 3.0}}}"#,

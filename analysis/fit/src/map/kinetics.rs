@@ -6,7 +6,7 @@ use super::options::MapFitError;
 use super::solve::{Kinetics, START, Solved};
 use super::train::Train;
 use analysis_model::map::{CellMap, ChargeTransfer};
-use std::{ops::RangeInclusive, sync::Arc};
+use std::sync::Arc;
 
 /// Standard deviation of both energies about their prior, J/mol.
 const ENERGY_SIGMA: f64 = 12e3;
@@ -18,18 +18,17 @@ const ENERGY_ROUNDS: usize = 2;
 /// in a porous electrode.
 const VOLTAGE_V: f64 = 0.06;
 const VOLTAGE_SIGMA: f64 = 0.3;
-/// First factor between two voltages of the search, number of its rounds, each with half the logarithm,
-/// and the range of the search, V.
+/// Factor between two voltages of the first search, and its largest power in both directions.
 const VOLTAGE_FACTOR: f64 = 2.0;
-const VOLTAGE_ROUNDS: usize = 2;
-const VOLTAGES_V: RangeInclusive<f64> = 0.01..=2.0;
-/// Solutions until the exchange current belongs to the resistances, at most, and the relative change of the
-/// cost at which it does.
-const MOST_SOLUTIONS: usize = 4;
-const SETTLED: f64 = 3e-3;
-/// Exponent of the change of a resistance from one of these solutions to the next: the more a branch is
-/// bent, the less of an error one solution removes, at a third of the resistance a third.
-const AHEAD: f64 = 1.5;
+const LEAST_POWER: i32 = -2;
+const MOST_POWER: i32 = 4;
+/// Step of the logarithm of the voltage in the second search.
+const VOLTAGE_STEP: f64 = 0.3;
+/// Solutions with one voltage at most, and the relative change of the cost at which they end.
+const MOST_SOLUTIONS: usize = 5;
+const SETTLED: f64 = 1e-3;
+/// Largest factor on the whole resistance of charge transfer from one solution to the next.
+const MOST_FACTOR: f64 = 3.0;
 
 /// A point of the search, with its cost and its solution.
 #[derive(Clone)]
@@ -107,44 +106,39 @@ fn improve_energies(design: &Design, train: &Train, mut best: Found) -> Result<F
 }
 
 /// Finds the voltage of charge transfer with the lowest cost: walks from the expected one while the cost
-/// falls, then halves the step.
+/// falls, then looks beside it.
 fn find_voltage(design: &Design, train: &Train, without: &Found) -> Result<Found, MapFitError> {
-    let start = design.map(&without.kinetics, &without.solved);
-    let from = |found: &Found, voltage_v: f64| {
-        let map = design.map(&found.kinetics, &found.solved);
-        settle(design, train, &found.kinetics, map, voltage_v)
+    let settled = |from: &Found, voltage_v: f64| {
+        let map = design.map(&from.kinetics, &from.solved);
+        settle(design, train, &from.kinetics, map, voltage_v)
     };
-    let mut best_v = VOLTAGE_V;
-    let mut best = settle(design, train, &without.kinetics, start, best_v)?;
-    let mut factor = VOLTAGE_FACTOR;
-    for _ in 0..VOLTAGE_ROUNDS {
-        let mut costs = [f64::INFINITY; 2];
-        for (side, factor) in [(1, factor), (0, factor.recip())] {
-            loop {
-                let tried_v = best_v * factor;
-                let tried = from(&best, tried_v)?;
-                if tried.cost >= best.cost || !VOLTAGES_V.contains(&tried_v) {
-                    costs[side] = tried.cost;
-                    break;
-                }
-                costs[1 - side] = best.cost;
-                (best_v, best) = (tried_v, tried);
-            }
-            if costs[0].is_finite() && costs[1].is_finite() {
+    let (mut power, mut best) = (0, settled(without, VOLTAGE_V)?);
+    for direction in [1, -1] {
+        while (LEAST_POWER..=MOST_POWER).contains(&(power + direction)) {
+            let tried_v = VOLTAGE_V * VOLTAGE_FACTOR.powi(power + direction);
+            let tried = settled(&best, tried_v)?;
+            if tried.cost.total_cmp(&best.cost).is_ge() {
                 break;
             }
+            (power, best) = (power + direction, tried);
         }
-        let tried_v = best_v * factor.powf(lowest(costs[0], best.cost, costs[1]));
-        let tried = from(&best, tried_v)?;
-        if tried.cost < best.cost {
-            (best_v, best) = (tried_v, tried);
-        }
-        factor = factor.sqrt();
     }
-    Ok(best)
+    let middle_v = VOLTAGE_V * VOLTAGE_FACTOR.powi(power);
+    let beside = |steps: f64| settled(&best, middle_v * (steps * VOLTAGE_STEP).exp());
+    let (below, above) = (beside(-1.0)?, beside(1.0)?);
+    let share = lowest(below.cost, best.cost, above.cost).clamp(-1.0, 1.0);
+    let tried = beside(share)?;
+    let all = [below, above, tried].into_iter();
+    Ok(all.fold(best, |best, tried| {
+        match tried.cost.total_cmp(&best.cost).is_lt() {
+            true => tried,
+            false => best,
+        }
+    }))
 }
 
-/// Solves with a voltage of charge transfer until the exchange current is that of the resistances.
+/// Solves with a voltage of charge transfer by Newton's method: each solution is that of the equations
+/// around the map of the one before.
 fn settle(
     design: &Design,
     train: &Train,
@@ -152,51 +146,62 @@ fn settle(
     mut map: CellMap,
     voltage_v: f64,
 ) -> Result<Found, MapFitError> {
-    let law = ChargeTransfer {
+    map.charge_transfer = Some(ChargeTransfer {
         voltage_v,
         slowest_s: SLOWEST_TRANSFER_S,
-    };
-    map.charge_transfer = Some(law);
-    let at = |map: &CellMap| {
+    });
+    let mut found: Option<Found> = None;
+    for _ in 0..MOST_SOLUTIONS {
         let kinetics = Kinetics {
             bent: Some(Arc::new(map.clone())),
             ..kinetics.clone()
         };
-        evaluate(design, train, kinetics)
-    };
-    let mut found = at(&map)?;
-    for _ in 1..MOST_SOLUTIONS {
-        let solved = design.map(&found.kinetics, &found.solved);
-        map = ahead(&map, solved, design.transfers());
-        let next = at(&map)?;
-        let is_settled = (next.cost - found.cost).abs() < SETTLED * next.cost;
-        found = next;
-        if is_settled {
+        let next = evaluate(design, train, kinetics)?;
+        map = near(&map, design.map(&next.kinetics, &next.solved));
+        let cost = next.cost;
+        let before = found.replace(next).map(|found| found.cost);
+        if before.is_some_and(|before| (cost - before).abs() < SETTLED * cost) {
             break;
         }
     }
-    Ok(found)
+    found.ok_or(MapFitError::Singular("no solution with charge transfer"))
 }
 
-/// Returns a solved map with its branches of charge transfer further away from those of the map before it.
-fn ahead(before: &CellMap, mut solved: CellMap, transfers: usize) -> CellMap {
-    let whole = |map: &CellMap, node: usize, knot: usize| -> f64 {
-        let fast = map.branches[..transfers].iter();
-        fast.map(|branch| branch.resistance.r_ohm[node][knot]).sum()
-    };
-    for node in 0..solved.temperature_degc.len() {
-        for knot in 0..solved.soc.len() {
-            let (old, new) = (whole(before, node, knot), whole(&solved, node, knot));
-            if old <= 0.0 || new <= 0.0 {
+/// Returns the kinetics around the map of their own solution.
+pub(super) fn around(design: &Design, kinetics: Kinetics, solved: &Solved) -> Kinetics {
+    let bent = kinetics.bent.as_ref().map(|before| {
+        let map = design.map(&kinetics, solved);
+        Arc::new(near(before, map))
+    });
+    Kinetics { bent, ..kinetics }
+}
+
+/// Returns a map with branches of charge transfer whose whole resistance is near that of the map before
+/// it: far from it, its equations say little.
+fn near(before: &CellMap, mut map: CellMap) -> CellMap {
+    let transfers = map.transfers();
+    for node in 0..map.temperature_degc.len() {
+        for knot in 0..map.soc.len() {
+            let before_ohm = {
+                let (soc, degc) = (map.soc[knot], map.temperature_degc[node]);
+                let mut ohm = vec![0.0; before.branches.len()];
+                before.values(soc, degc, &mut ohm);
+                ohm[..before.transfers()].iter().sum::<f64>()
+            };
+            let fast = map.branches[..transfers].iter_mut();
+            let mut fast: Vec<&mut f64> = fast
+                .map(|branch| &mut branch.resistance.r_ohm[node][knot])
+                .collect();
+            let whole_ohm: f64 = fast.iter().map(|r_ohm| **r_ohm).sum();
+            if before_ohm <= 0.0 || whole_ohm <= 0.0 {
                 continue;
             }
-            let factor = (new / old).powf(AHEAD - 1.0);
-            for branch in &mut solved.branches[..transfers] {
-                branch.resistance.r_ohm[node][knot] *= factor;
-            }
+            let ratio = whole_ohm / before_ohm;
+            let factor = ratio.clamp(MOST_FACTOR.recip(), MOST_FACTOR) / ratio;
+            fast.iter_mut().for_each(|r_ohm| **r_ohm *= factor);
         }
     }
-    solved
+    map
 }
 
 /// Returns the lowest point of the parabola through three equidistant costs, in steps from the middle.

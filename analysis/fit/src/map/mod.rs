@@ -119,6 +119,7 @@ pub fn fit_map(
     }
     let mut map = solution.map();
     map.thermal = thermal::fit(&train.logs);
+    map.most_current_a = train.most_current_a();
     solution.design.write_sigma(&mut map, &solution.solved);
     map.validate()
         .map_err(|error| MapFitError::Series(error.to_string()))?;

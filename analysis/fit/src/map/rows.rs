@@ -4,7 +4,7 @@ use super::design::Design;
 use super::log::Log;
 use super::solve::{INDUCTANCE_H, Kinetics};
 use super::sweep::Sweep;
-use analysis_model::map::{BranchStep, Drive};
+use analysis_model::map::{BranchStep, CellMap, Drive};
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
@@ -42,11 +42,13 @@ impl Design {
         let mut before = (Drive::new(None, 1.0, 0.0), [(0, 0, 0.0); 4]);
         let bent = kinetics.bent.as_deref();
         let mut bent_ohm = vec![0.0; bent.map_or(0, |map| map.branches.len())];
+        let bent_transfers = bent.map_or(0, CellMap::transfers);
         for k in 0..log.len() {
             let (soc, degc, i) = (samples.soc[k], samples.temperature_degc[k], current_a[k]);
             let at = map.place(soc, degc);
             let exchange_a = bent.and_then(|map| map.values(soc, degc, &mut bent_ohm).exchange_a);
             let drive = Drive::new(exchange_a, 1.0, i);
+            let whole_ohm: f64 = bent_ohm[..bent_transfers].iter().sum();
             let weights = map.weights(&at, kinetics.branches);
             let driven = (drive, weights.map(|(node, knot, w)| (node, knot, w * i)));
             if log.begins_at(k) {
@@ -75,9 +77,17 @@ impl Design {
             for (node, knot, share) in map.weights(&at, kinetics.series) {
                 row[self.index(0, node, knot)] -= w * share * i;
             }
+            // A larger resistance of one branch lowers the exchange current of all: ∂v/∂ln(i₀) is
+            // v − b·tanh(v/b) of a branch that has settled.
+            let fallen_v: f64 = per_ohm_a
+                .iter()
+                .zip(&bent_ohm)
+                .map(|(a, r_ohm)| r_ohm * drive.fallen_v(*a))
+                .sum();
+            let fallen_a = fallen_v / whole_ohm.max(Drive::LEAST_OHM);
             for (branch, a) in per_ohm_a.iter().enumerate() {
                 for (node, knot, share) in weights {
-                    row[self.index(1 + branch, node, knot)] -= w * share * a;
+                    row[self.index(1 + branch, node, knot)] -= w * share * (a - fallen_a);
                 }
             }
             let first = (1 + fast) * per_surface;
@@ -89,7 +99,7 @@ impl Design {
                 row[resistances + self.soc.len() + knot] +=
                     w * share * (degc - self.ocv_temperature_degc);
             }
-            right[filled] = w * (samples.voltage_v[k] - samples.ocv_v[k]);
+            right[filled] = w * (samples.voltage_v[k] - samples.ocv_v[k] + fallen_a * whole_ohm);
             filled += 1;
             if filled == CHUNK {
                 add(&rows, &right);

@@ -8,6 +8,9 @@ use super::solve::{Kinetics, Normal, Solved};
 use super::train::Train;
 use analysis_model::map::CellMap;
 
+/// Solutions of a bent map before the last one: the weights or the data have changed.
+const SOLUTIONS_BEFORE: usize = 2;
+
 /// The unknowns, their equations and the minimiser.
 pub(super) struct Solution {
     pub(super) design: Design,
@@ -32,12 +35,18 @@ impl Solution {
         Self::new(design, train, kinetics)
     }
 
-    /// Fits the data once with given kinetics.
+    /// Fits the data with given kinetics, around the map of its own solution if that is bent.
     pub(super) fn new(
         design: Design,
         train: &Train,
-        kinetics: Kinetics,
+        mut kinetics: Kinetics,
     ) -> Result<Self, MapFitError> {
+        if kinetics.bent.is_some() {
+            for _ in 0..SOLUTIONS_BEFORE {
+                let solved = design.solve(train, &kinetics)?;
+                kinetics = kinetics::around(&design, kinetics, &solved);
+            }
+        }
         let equations = design.equations(train, &kinetics);
         let solved = equations.solve(design.resistances(), None)?;
         Ok(Self {

@@ -89,6 +89,12 @@ impl<'a> Train<'a> {
         cost_without - cost_with > (LEAST_GAIN * cost_without).max(LEAST_OF_ONE * of_one)
     }
 
+    /// Largest current of the logs, A; `None` without logs.
+    pub(super) fn most_current_a(&self) -> Option<f64> {
+        let currents_a = self.logs.iter().flat_map(|log| &log.samples.current_a);
+        currents_a.map(|current_a| current_a.abs()).reduce(f64::max)
+    }
+
     /// Shortest step of the logs, s; infinite without logs.
     pub(super) fn shortest_step_s(&self) -> f64 {
         let steps_s = self.logs.iter().map(|log| log.step_s());

@@ -118,6 +118,13 @@ pub struct Summary {
     pub outside_map: Option<Outside>,
 }
 
+impl Summary {
+    /// Returns the largest current in either direction, A.
+    pub fn most_current_a(&self) -> f64 {
+        self.peak_current_a.abs().max(self.lowest_current_a.abs())
+    }
+}
+
 /// An instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Point {

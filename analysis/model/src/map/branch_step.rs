@@ -34,6 +34,16 @@ impl Drive {
         v * self.leaking_v(v) / r_ohm.max(Self::LEAST_OHM)
     }
 
+    /// Returns the change of a settled voltage of the branch, V, with the logarithm of its bend at the same
+    /// current: v − bend·tanh(v/bend), zero without charge transfer.
+    #[inline]
+    pub fn fallen_v(&self, v: f64) -> f64 {
+        if self.bend_v.is_infinite() {
+            return 0.0;
+        }
+        v - self.bend_v * (v / self.bend_v).tanh()
+    }
+
     /// Returns the voltage that the current through the resistance of the branch would have without
     /// charge transfer, V, at a voltage of the branch, V: bend·sinh(v/bend).
     #[inline]
@@ -252,6 +262,22 @@ mod tests {
                 "{v} {driven_v}: {met} {expected}"
             );
         }
+    }
+
+    #[test]
+    fn a_settled_voltage_moves_with_the_bend_as_stated() {
+        for driven_v in [0.01, 0.4, -2.0] {
+            let settled_v = |bend_v: f64| bend_v * (driven_v / bend_v).asinh();
+            let by = 1e-6_f64;
+            let expected =
+                (settled_v(0.05 * by.exp()) - settled_v(0.05 * (-by).exp())) / (2.0 * by);
+            let met = drive(driven_v, 0.05).fallen_v(settled_v(0.05));
+            assert!(
+                (met - expected).abs() < 1e-9,
+                "{driven_v}: {met} {expected}"
+            );
+        }
+        assert_eq!(Drive::new(None, 1.0, 2.0).fallen_v(2.0), 0.0);
     }
 
     #[test]

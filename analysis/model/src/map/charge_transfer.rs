@@ -24,32 +24,33 @@ pub struct ChargeTransfer {
     pub slowest_s: f64,
 }
 
-/// The law as a file has it.
+/// The law as a file has it; an earlier version wrote an exchange current and its energy.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Written {
     voltage_v: Option<f64>,
     slowest_s: f64,
     exchange_current_a: Option<f64>,
-    #[serde(rename = "activation_j_per_mol")]
-    _activation_j_per_mol: Option<f64>,
+    activation_j_per_mol: Option<f64>,
 }
 
 impl TryFrom<Written> for ChargeTransfer {
     type Error = &'static str;
 
     fn try_from(written: Written) -> Result<Self, Self::Error> {
-        match (written.voltage_v, written.exchange_current_a) {
-            (Some(voltage_v), None) => Ok(Self {
-                voltage_v,
-                slowest_s: written.slowest_s,
-            }),
-            (_, Some(_)) => Err(
-                "charge_transfer: expected voltage_v, met exchange_current_a, which an earlier version \
-                wrote: fit the map again with eis-bench map",
-            ),
-            (None, None) => Err("charge_transfer: expected voltage_v, met none"),
+        if written.exchange_current_a.is_some() || written.activation_j_per_mol.is_some() {
+            return Err(
+                "charge_transfer: expected voltage_v and slowest_s, met exchange_current_a or \
+                activation_j_per_mol, which an earlier version wrote: fit the map again with eis-bench map",
+            );
         }
+        let voltage_v = written
+            .voltage_v
+            .ok_or("charge_transfer: expected voltage_v, met none")?;
+        Ok(Self {
+            voltage_v,
+            slowest_s: written.slowest_s,
+        })
     }
 }
 

@@ -20,6 +20,7 @@ fn map() -> CellMap {
         ocv_offset_v: vec![0.01, 0.0, -0.01],
         ocv_v_per_k: vec![0.0, 1e-4, 2e-4],
         ocv_temperature_degc: 25.0,
+        most_current_a: None,
         charge_transfer: None,
         thermal: None,
         voltage_error: None,
@@ -195,4 +196,20 @@ fn values_are_those_of_each_surface_and_of_the_law() {
             assert_eq!(is_bent, branch.tau_s <= 3.0);
         }
     }
+}
+
+#[test]
+fn a_current_beyond_the_logs_is_named() {
+    let mut map = map();
+    assert_eq!(map.current_remark(1e3), None, "no log, no range");
+    map.most_current_a = Some(9.0);
+    map.validate().unwrap();
+    assert_eq!(map.current_remark(-9.0), None);
+    let remark = map.current_remark(-40.0).unwrap();
+    assert!(
+        remark.contains("up to 40.0 A, the logs of the map 9.0 A"),
+        "{remark}"
+    );
+    map.most_current_a = Some(0.0);
+    assert!(map.validate().is_err());
 }

@@ -249,6 +249,9 @@ fn notes(
     let mut notes = model.notes();
     notes.extend(files::addition_notes(model));
     notes.extend(outside_map.and_then(OutsideMap::note));
+    let cells_a = met.outcomes.iter().map(|outcome| outcome.largest_cell_a);
+    let cell_a = cells_a.fold(0.0, f64::max);
+    notes.extend(setup.map.and_then(|map| map.current_remark(cell_a)));
     let ranges = met.outcomes.iter().filter_map(|outcome| outcome.soc_range);
     let soc: Vec<f64> = ranges
         .flat_map(|range| [range.lowest, range.highest])

@@ -13,6 +13,7 @@ use analysis::{
     map::Outside,
     model::Erm,
     ocv::OcvCurve,
+    pack::Pack,
 };
 use serde::Serialize;
 
@@ -161,13 +162,13 @@ impl Case {
             freed_peak_power_w: peak(0)
                 .zip(peak(1))
                 .map(|(full, simple)| full.abs() - simple.abs()),
-            notes: self.notes(file),
+            notes: self.notes(file, model.pack),
             trace,
         }
     }
 
     /// Notes without which the result would mislead.
-    fn notes(&self, file: &GivenModel) -> Vec<String> {
+    fn notes(&self, file: &GivenModel, pack: Pack) -> Vec<String> {
         let (s, name) = (&self.full.summary, &self.profile.name);
         let mut notes = model_args::notes(file);
         if !file.additions.is_empty() {
@@ -182,6 +183,9 @@ impl Case {
                 "{name}: {outside}; there the resistances are extrapolated"
             ));
         }
+        let cell_a = s.most_current_a() / f64::from(pack.parallel);
+        let remark = file.map.as_ref().and_then(|map| map.current_remark(cell_a));
+        notes.extend(remark.map(|remark| format!("{name}: {remark}")));
         notes.extend(self.uncertainty.text(name, file));
         if let Some(degc) = self.full.end.temperature_degc {
             notes.push(format!("{name}: the cells end at {degc:.1} °C"));

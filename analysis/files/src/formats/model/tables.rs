@@ -32,6 +32,7 @@ pub(super) fn map_of(erm: &Erm, temperature_degc: f64) -> CellMap {
         ocv_offset_v: vec![0.0; 2],
         ocv_v_per_k: vec![0.0; 2],
         ocv_temperature_degc: temperature_degc,
+        most_current_a: None,
         charge_transfer: None,
         thermal: None,
         voltage_error: None,

@@ -199,6 +199,7 @@ fn mapped() -> CellModel {
             ocv_offset_v: vec![0.002, 0.0, -0.003],
             ocv_v_per_k: vec![1e-4, 0.0, -1e-4],
             ocv_temperature_degc: 25.0,
+            most_current_a: None,
             charge_transfer: Some(ChargeTransfer {
                 voltage_v: 0.06,
                 slowest_s: 5.0,

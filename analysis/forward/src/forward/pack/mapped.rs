@@ -33,8 +33,8 @@ const NEAR_K: f64 = 1e-8;
 pub(super) struct MappedCell {
     /// Factor of the series resistance.
     pub(super) r: f64,
-    /// Factor of each branch resistance. That of a branch of charge transfer divides its exchange
-    /// current, so that the branch bends at the same voltage.
+    /// Factor of each branch resistance. Those of the branches of charge transfer divide the
+    /// exchange current of the cell.
     pub(super) rk: Vec<f64>,
     /// Factor of each time constant.
     pub(super) tau: Vec<f64>,
@@ -179,6 +179,9 @@ impl<'a> MapNetwork<'a> {
                 .iter_mut()
                 .zip(&cell.rk)
                 .for_each(|(r_ohm, factor)| *r_ohm *= factor);
+            let whole_ohm = branch_ohm[..self.common.map.transfers()].iter().sum();
+            let law = self.common.map.charge_transfer;
+            values.exchange_a = law.map(|law| law.exchange_a(whole_ohm, degc));
             self.found.values[k] = values;
             self.found.ocv_v[k] = self.common.curve.at(soc);
             self.found.at[k] = (soc, degc);
@@ -247,14 +250,9 @@ impl<'a> MapNetwork<'a> {
 
     /// Computes what drives the branches under the present currents.
     fn drive(&mut self) {
-        for (k, cell) in self.cells.iter().enumerate() {
+        for k in 0..self.cells.len() {
             let (values, current_a) = (&self.found.values[k], self.now.cell_a[k]);
-            let branches = self.common.map.branches.iter().zip(&cell.rk);
-            for (j, (branch, factor)) in self.branches(k).zip(branches) {
-                let values = MapValues {
-                    exchange_a: values.exchange_a.map(|exchange_a| exchange_a / factor),
-                    ..*values
-                };
+            for (j, branch) in self.branches(k).zip(&self.common.map.branches) {
                 let r_ohm = self.found.branch_ohm[j];
                 self.end.drives[j] = values.drive(branch.tau_s, r_ohm, current_a);
             }

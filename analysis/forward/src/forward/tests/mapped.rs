@@ -32,6 +32,7 @@ pub(super) fn map(factor: impl Fn(f64, usize) -> f64, thermal: Option<Thermal>) 
         soc,
         temperature_degc: vec![0.0, 25.0],
         ocv_temperature_degc: 25.0,
+        most_current_a: None,
         charge_transfer: None,
         thermal,
         voltage_error: None,

@@ -49,7 +49,9 @@ fn a_modelica_package_has_all_branches() {
         "constant Integer n_rc = 2",
         "constant Real tau_s[n_rc] = {    2.0, 60.0}",
         "e_v = ocv_v(soc, temperature_degc) - (branch_v[1] + branch_v[2]);",
-        "      + lost_w(twice_a[2], branch_v[2], branch_ohm[2]);",
+        "      + lost_w(twice_a, 2, branch_v[2], branch_ohm[2]);",
+        "constant Integer n_transfer = 1",
+        "/ 298.15 / max(branch_ohm[1], 1e-5);",
         "end a__cell____;",
     ] {
         assert!(text.contains(wanted), "{wanted}\n{text}");

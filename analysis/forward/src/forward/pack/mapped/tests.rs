@@ -37,6 +37,7 @@ fn map() -> CellMap {
         ocv_offset_v: vec![0.01, 0.0, -0.01],
         ocv_v_per_k: vec![1e-4, 0.0, -1e-4],
         ocv_temperature_degc: 25.0,
+        most_current_a: None,
         charge_transfer: Some(ChargeTransfer {
             voltage_v: 0.06,
             slowest_s: 3.0,

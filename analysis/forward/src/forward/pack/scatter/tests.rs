@@ -318,6 +318,7 @@ fn map() -> CellMap {
         ocv_offset_v: vec![0.0; 2],
         ocv_v_per_k: vec![0.0; 2],
         ocv_temperature_degc: 25.0,
+        most_current_a: None,
         charge_transfer: None,
         thermal: None,
         voltage_error: None,
