@@ -2,7 +2,7 @@
 //!
 //! Without enough held-out logs, each fitted log is cut into pieces, and each piece is predicted by a map
 //! whose resistances and corrections of the OCV are fitted to everything else: the equations lose its
-//! rows and are solved again. Activation energies, exchange current and lag stay those of all data.
+//! rows and are solved again. Activation energies, the voltage of charge transfer and lag stay those of all data.
 
 use super::log::Log;
 use super::score::{LEAST_SOC, LogErrors, residuals};

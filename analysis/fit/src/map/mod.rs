@@ -2,14 +2,15 @@
 //! of the bench, and from spectra.
 //!
 //! With time constants that are fixed over the range, the voltage is linear in all resistances and
-//! in the correction of the OCV, so that one bounded least-squares problem has one optimum and no
-//! start: V = U(z) + δ(z) + (T − T_U)·s(z) − R·i − Σ vₖ. The branches' voltages vₖ are sums of the
+//! in the correction of the OCV, so that without charge transfer one bounded least-squares problem has one
+//! optimum and no start: V = U(z) + δ(z) + (T − T_U)·s(z) − R·i − Σ vₖ. The branches' voltages vₖ are sums of the
 //! current filtered through the surfaces' weights ([`CellMap::weights`]). The impedance is linear in
 //! the same resistances: Z = R + Σ Rₖ/(1 + jωτₖ) + jωL + U′/(jωQ). Resistances are zero or
 //! more. Two priors hold what the data do not determine: a surface bends little over SOC, and
 //! between two temperatures it follows Arrhenius' law. The activation energies, one of the series
-//! resistance and one of the branches, and the exchange current of the branches are found by their
-//! effect on the same cost.
+//! resistance and one of the branches, and the voltage of charge transfer are found by their effect on the
+//! same cost. Where branches bend, the equations are those around a map, and are solved until that is
+//! their own solution.
 
 mod charge;
 mod choices;
