@@ -251,7 +251,12 @@ def main():
     with ProcessPoolExecutor(asked.cores) as pool, file.open("a") as store:
         jobs = [pool.submit(play, asked.study, asked.out, own) for own in left.values()]
         for job in as_completed(jobs):
-            for row in job.result():
+            try:
+                found = job.result()
+            except subprocess.CalledProcessError as error:
+                print(f"a cell is left out: {error}", file=sys.stderr, flush=True)
+                continue
+            for row in found:
                 rows.append(row)
                 store.write(json.dumps(row) + "\n")
                 store.flush()

@@ -140,7 +140,7 @@ impl Design {
             ocv_v_per_k: vec![0.0; self.soc.len()],
             ocv_temperature_degc: self.ocv_temperature_degc,
             most_current_a: None,
-            charge_transfer: kinetics.bent.as_ref().and_then(|map| map.charge_transfer),
+            charge_transfer: kinetics.around.as_ref().and_then(|map| map.charge_transfer),
             thermal: None,
             voltage_error: None,
         }

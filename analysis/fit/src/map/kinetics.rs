@@ -68,7 +68,7 @@ pub(super) fn search(
 fn evaluate(design: &Design, train: &Train, kinetics: Kinetics) -> Result<Found, MapFitError> {
     let solved = design.solve(train, &kinetics)?;
     let energy = |energy: f64, expected: f64| ((energy - expected) / ENERGY_SIGMA).powi(2);
-    let law = kinetics.bent.as_ref().and_then(|map| map.charge_transfer);
+    let law = kinetics.around.as_ref().and_then(|map| map.charge_transfer);
     let voltage = law.map_or(0.0, |law| {
         ((law.voltage_v / VOLTAGE_V).ln() / VOLTAGE_SIGMA).powi(2)
     });
@@ -153,7 +153,7 @@ fn settle(
     let mut found: Option<Found> = None;
     for _ in 0..MOST_SOLUTIONS {
         let kinetics = Kinetics {
-            bent: Some(Arc::new(map.clone())),
+            around: Some(Arc::new(map.clone())),
             ..kinetics.clone()
         };
         let next = evaluate(design, train, kinetics)?;
@@ -169,11 +169,11 @@ fn settle(
 
 /// Returns the kinetics around the map of their own solution.
 pub(super) fn around(design: &Design, kinetics: Kinetics, solved: &Solved) -> Kinetics {
-    let bent = kinetics.bent.as_ref().map(|before| {
+    let around = kinetics.around.as_ref().map(|before| {
         let map = design.map(&kinetics, solved);
         Arc::new(near(before, map))
     });
-    Kinetics { bent, ..kinetics }
+    Kinetics { around, ..kinetics }
 }
 
 /// Returns a map with branches of charge transfer whose whole resistance is near that of the map before

@@ -166,7 +166,7 @@ impl<'a> Planner<'a> {
                 .branches
                 .first()
                 .map_or(0.0, |b| b.resistance.activation_j_per_mol),
-            bent: fit.map.charge_transfer.map(|_| Arc::new(fit.map.clone())),
+            around: fit.map.charge_transfer.map(|_| Arc::new(fit.map.clone())),
         };
         let covariance = design.equations(&train, &kinetics).covariance();
         let covariance = covariance.ok_or(MapFitError::Singular("no place is determined"))?;

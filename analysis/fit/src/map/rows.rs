@@ -40,15 +40,15 @@ impl Design {
         let mut right = DVector::<f64>::zeros(CHUNK);
         let mut filled = 0;
         let mut before = (Drive::new(None, 1.0, 0.0), [(0, 0, 0.0); 4]);
-        let bent = kinetics.bent.as_deref();
-        let mut bent_ohm = vec![0.0; bent.map_or(0, |map| map.branches.len())];
-        let bent_transfers = bent.map_or(0, CellMap::transfers);
+        let around = kinetics.around.as_deref();
+        let mut around = around.map(|map| Around::new(map, fast_s));
         for k in 0..log.len() {
             let (soc, degc, i) = (samples.soc[k], samples.temperature_degc[k], current_a[k]);
             let at = map.place(soc, degc);
-            let exchange_a = bent.and_then(|map| map.values(soc, degc, &mut bent_ohm).exchange_a);
+            let exchange_a = around
+                .as_mut()
+                .and_then(|around| around.exchange_a(soc, degc));
             let drive = Drive::new(exchange_a, 1.0, i);
-            let whole_ohm: f64 = bent_ohm[..bent_transfers].iter().sum();
             let weights = map.weights(&at, kinetics.branches);
             let driven = (drive, weights.map(|(node, knot, w)| (node, knot, w * i)));
             if log.begins_at(k) {
@@ -77,14 +77,9 @@ impl Design {
             for (node, knot, share) in map.weights(&at, kinetics.series) {
                 row[self.index(0, node, knot)] -= w * share * i;
             }
-            // A larger resistance of one branch lowers the exchange current of all: ∂v/∂ln(i₀) is
-            // v − b·tanh(v/b) of a branch that has settled.
-            let fallen_v: f64 = per_ohm_a
-                .iter()
-                .zip(&bent_ohm)
-                .map(|(a, r_ohm)| r_ohm * drive.fallen_v(*a))
-                .sum();
-            let fallen_a = fallen_v / whole_ohm.max(Drive::LEAST_OHM);
+            let (fallen_a, fallen_v) = around
+                .as_ref()
+                .map_or((0.0, 0.0), |around| around.fallen(drive, &per_ohm_a));
             for (branch, a) in per_ohm_a.iter().enumerate() {
                 for (node, knot, share) in weights {
                     row[self.index(1 + branch, node, knot)] -= w * share * (a - fallen_a);
@@ -99,7 +94,7 @@ impl Design {
                 row[resistances + self.soc.len() + knot] +=
                     w * share * (degc - self.ocv_temperature_degc);
             }
-            right[filled] = w * (samples.voltage_v[k] - samples.ocv_v[k] + fallen_a * whole_ohm);
+            right[filled] = w * (samples.voltage_v[k] - samples.ocv_v[k] + fallen_v);
             filled += 1;
             if filled == CHUNK {
                 add(&rows, &right);
@@ -155,6 +150,44 @@ impl Design {
             right[2 * k + 1] = w * point.z_ohm.im;
         }
         add(&rows, &right);
+    }
+}
+
+/// The map around which the equations of charge transfer are made, in one state.
+struct Around<'a> {
+    map: &'a CellMap,
+    /// Resistances of its branches, Ω.
+    ohm: Vec<f64>,
+    /// Places of the fast branches of the equations among its own, if it has them.
+    places: Vec<Option<usize>>,
+}
+
+impl<'a> Around<'a> {
+    fn new(map: &'a CellMap, fast_s: &[f64]) -> Self {
+        let place = |tau_s: &f64| map.branches.iter().position(|b| b.tau_s == *tau_s);
+        Self {
+            map,
+            ohm: vec![0.0; map.branches.len()],
+            places: fast_s.iter().map(place).collect(),
+        }
+    }
+
+    /// Moves to a state, and returns its exchange current, A.
+    fn exchange_a(&mut self, soc: f64, degc: f64) -> Option<f64> {
+        self.map.values(soc, degc, &mut self.ohm).exchange_a
+    }
+
+    /// Returns how much less voltage an ohm more of charge transfer adds, A, because it lowers the exchange
+    /// current of all branches, and the same for the resistances of the map, V: ∂v/∂ln(i₀) is
+    /// v − b·tanh(v/b) of a branch that has settled. `per_ohm_a`: voltages of the branches per ohm, A.
+    fn fallen(&self, drive: Drive, per_ohm_a: &[f64]) -> (f64, f64) {
+        let branches = self.places.iter().zip(per_ohm_a);
+        let fallen_v: f64 = branches
+            .filter_map(|(place, a)| Some(self.ohm[(*place)?] * drive.fallen_v(*a)))
+            .sum();
+        let whole_ohm: f64 = self.ohm[..self.map.transfers()].iter().sum();
+        let fallen_a = fallen_v / whole_ohm.max(Drive::LEAST_OHM);
+        (fallen_a, fallen_a * whole_ohm)
     }
 }
 

@@ -41,7 +41,7 @@ impl Solution {
         train: &Train,
         mut kinetics: Kinetics,
     ) -> Result<Self, MapFitError> {
-        if kinetics.bent.is_some() {
+        if kinetics.around.is_some() {
             for _ in 0..SOLUTIONS_BEFORE {
                 let solved = design.solve(train, &kinetics)?;
                 kinetics = kinetics::around(&design, kinetics, &solved);

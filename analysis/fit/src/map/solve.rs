@@ -19,9 +19,9 @@ pub(super) struct Kinetics {
     pub(super) series: f64,
     /// That of the branches, J/mol.
     pub(super) branches: f64,
-    /// A map whose resistances and voltage of charge transfer give the exchange current at each place;
-    /// `None` if the data show no fall under current.
-    pub(super) bent: Option<Arc<CellMap>>,
+    /// The map around which the equations of charge transfer are made: its voltage and resistances give the
+    /// exchange current at each place. `None` if the data show no fall under current.
+    pub(super) around: Option<Arc<CellMap>>,
 }
 
 /// Start and prior of the activation energies, J/mol: ionic conduction, and charge transfer with
@@ -30,7 +30,7 @@ pub(super) struct Kinetics {
 pub(super) const START: Kinetics = Kinetics {
     series: 15e3,
     branches: 35e3,
-    bent: None,
+    around: None,
 };
 
 /// Normal equations of weighted rows and priors.

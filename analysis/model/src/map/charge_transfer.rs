@@ -56,14 +56,14 @@ impl TryFrom<Written> for ChargeTransfer {
 
 impl ChargeTransfer {
     /// Returns the voltage b at a temperature, °C, in V.
-    pub fn bend_v(&self, temperature_degc: f64) -> f64 {
+    pub fn whole_v(&self, temperature_degc: f64) -> f64 {
         self.voltage_v * (temperature_degc + ZERO_DEGC_K) / (REFERENCE_DEGC + ZERO_DEGC_K)
     }
 
     /// Returns the exchange current of a cell whose branches of charge transfer have a whole resistance, Ω,
     /// at a temperature, °C, in A.
     pub fn exchange_a(&self, whole_ohm: f64, temperature_degc: f64) -> f64 {
-        0.5 * self.bend_v(temperature_degc) / whole_ohm.max(Drive::LEAST_OHM)
+        0.5 * self.whole_v(temperature_degc) / whole_ohm.max(Drive::LEAST_OHM)
     }
 }
 

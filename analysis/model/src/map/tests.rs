@@ -181,10 +181,15 @@ fn values_are_those_of_each_surface_and_of_the_law() {
         voltage_v: 0.06,
         slowest_s: 3.0,
     });
-    let mut fast = map.branches[0].clone();
-    fast.tau_s = 1.0;
-    map.branches.insert(0, fast);
-    let mut ohm = [0.0; 2];
+    for (tau_s, rows) in [
+        (2.0, [[0.012, 0.006, 0.0], [0.004, 0.002, 0.0]]),
+        (1.0, [[0.002, 0.006, 0.003], [0.001, 0.002, 0.0]]),
+    ] {
+        let resistance = surface(&rows);
+        map.branches.insert(0, MapBranch { tau_s, resistance });
+    }
+    assert_eq!(map.transfers(), 2);
+    let mut ohm = [0.0; 3];
     for (soc, degc) in [(0.3, 12.0), (0.95, 30.0), (0.0, -20.0), (0.5, 25.0)] {
         let (values, at) = (map.values(soc, degc, &mut ohm), map.place(soc, degc));
         assert_eq!(values.r_ohm, map.resistance_ohm(&map.series, &at));
@@ -192,8 +197,19 @@ fn values_are_those_of_each_surface_and_of_the_law() {
         assert_eq!(values.outside, at.outside);
         for (branch, ohm) in map.branches.iter().zip(&ohm) {
             assert_eq!(*ohm, map.resistance_ohm(&branch.resistance, &at));
-            let is_bent = values.drive(branch.tau_s, *ohm, 1.0).bend_v.is_finite();
-            assert_eq!(is_bent, branch.tau_s <= 3.0);
+        }
+        // Each branch of charge transfer has its share of 60 mV; at least 10 µΩ count.
+        let twice_a = 0.06 * (degc + 273.15) / 298.15 / (ohm[0] + ohm[1]).max(1e-5);
+        for (branch, ohm) in map.branches.iter().zip(&ohm) {
+            let met_v = values.drive(branch.tau_s, *ohm, 1.0).bend_v;
+            if branch.tau_s <= 3.0 {
+                assert!(
+                    (met_v / (twice_a * ohm.max(1e-5)) - 1.0).abs() < 1e-12,
+                    "{met_v}"
+                );
+            } else {
+                assert!(met_v.is_infinite());
+            }
         }
     }
 }

@@ -247,7 +247,7 @@ impl<const W: usize> Piece<W> {
         // Without the law the value only keeps linear branches beside bent ones linear.
         let bend_v = |degc: f64| {
             map.charge_transfer
-                .map_or(1.0, |law| series * law.bend_v(degc))
+                .map_or(1.0, |law| series * law.whole_v(degc))
         };
         let [cold, warm] = corners.degc.map(bend_v);
         let apart_k = corners.degc[1] - corners.degc[0];
