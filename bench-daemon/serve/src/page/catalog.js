@@ -42,7 +42,7 @@ const WORDS = {
   compareOne: (name) => `Compare ${name}`,
   hints: {
     runs: (most) => `Tick up to ${most} runs to compare their spectra.`,
-    spectra: (most) => `Tick up to ${most} spectra, of several runs, to lay them over each other.`,
+    spectra: (most) => `Tick up to ${most} spectra, of several runs, to draw them together.`,
   },
   full: (most) => `${most} are ticked, which is the maximum: untick one to tick another.`,
   compared: "Spectra compared",
