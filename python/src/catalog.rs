@@ -193,9 +193,9 @@ pub(crate) fn points_of_files<'py>(
         let column: Vec<f64> = rows.iter().map(|row| row[index]).collect();
         columns.set_item(name, column.into_pyarray(py))?;
     }
-    let told = |one: &Result<Vec<ImpedancePoint>, _>| match one {
+    let summary = |one: &Result<Vec<ImpedancePoint>, _>| match one {
         Ok(points) => (points.len(), None),
         Err(error) => (0, Some(DatasetError::to_string(error))),
     };
-    Ok((columns, read.iter().map(told).collect()))
+    Ok((columns, read.iter().map(summary).collect()))
 }

@@ -40,11 +40,11 @@ pub(crate) fn of_file(py: Python<'_>, error: &FormatError) -> PyErr {
     let ErrorPlace { file, line, field } = error.place();
     let raised = FileError::new_err(error.to_string());
     let value = raised.value(py);
-    let told = value
+    let annotated = value
         .setattr("file", file.display().to_string())
         .and_then(|()| value.setattr("line", line))
         .and_then(|()| value.setattr("field", field));
-    told.err().unwrap_or(raised)
+    annotated.err().unwrap_or(raised)
 }
 
 /// Works without the interpreter's lock; a panic becomes an exception.

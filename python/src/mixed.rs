@@ -53,7 +53,7 @@ pub(crate) fn mixed<'py>(
         };
         found.map_err(|error| error.to_string())
     })?;
-    told(py, found)
+    to_dict(py, found)
 }
 
 /// Returns the factor t with P(|T| ≤ t) = `level` for Student's distribution.
@@ -62,13 +62,13 @@ pub(crate) fn t_factor(level: f64, freedom: f64) -> f64 {
     stats::t_factor(level, freedom)
 }
 
-fn told(py: Python<'_>, found: Mixed) -> PyResult<Bound<'_, PyDict>> {
-    let told = PyDict::new(py);
+fn to_dict(py: Python<'_>, found: Mixed) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
     let pair = |one: &Estimate| (one.value, one.sigma);
-    told.set_item("fixed", found.fixed.iter().map(pair).collect::<Vec<_>>())?;
+    dict.set_item("fixed", found.fixed.iter().map(pair).collect::<Vec<_>>())?;
     let components = found.components.iter();
     let components = components.map(|one| (&one.name, one.sd, one.low, one.high, one.levels));
-    told.set_item("components", components.collect::<Vec<_>>())?;
+    dict.set_item("components", components.collect::<Vec<_>>())?;
     let levels = found.levels.iter().map(|levels| {
         let column = |of: fn(&Level) -> f64| {
             let values: Vec<f64> = levels.iter().map(of).collect();
@@ -80,6 +80,6 @@ fn told(py: Python<'_>, found: Mixed) -> PyResult<Bound<'_, PyDict>> {
             column(|one| one.z),
         )
     });
-    told.set_item("levels", levels.collect::<Vec<_>>())?;
-    Ok(told)
+    dict.set_item("levels", levels.collect::<Vec<_>>())?;
+    Ok(dict)
 }

@@ -100,8 +100,8 @@ def test_a_file_and_a_daemon_answer_the_same(both, daemon):
 def test_answers_are_those_of_the_program(both, binary):
     _, anew = both
     file = anew._source.path
-    told = subprocess.run([binary, "catalog", "find", file, "--json"], capture_output=True, check=True)
-    runs = json.loads(told.stdout)["runs"]
+    done = subprocess.run([binary, "catalog", "find", file, "--json"], capture_output=True, check=True)
+    runs = json.loads(done.stdout)["runs"]
     found = anew.runs()
     assert found["run"].tolist() == [run["run"] for run in runs]
     assert found["cells"].tolist() == [CELL, CELL] and found["verdict"].tolist() == ["good"] * 2

@@ -101,8 +101,8 @@ def test_an_experiment_as_text_waits_behind_a_hold_and_is_cancelled(daemon):
 def test_a_stop_tells_what_was_read(daemon):
     client = eb.Client(daemon)
     try:
-        told = client.stop("demo")
-        assert told["bench"] == "demo" and told["over"] and "verified" in told
+        stopped = client.stop("demo")
+        assert stopped["bench"] == "demo" and stopped["over"] and "verified" in stopped
         assert "demo" in client.held()
         assert client.stop_all()
     finally:
@@ -125,9 +125,9 @@ def test_a_stop_tells_what_was_read(daemon):
 def test_refusals_have_status_code_and_message(daemon, work, status):
     with pytest.raises(eb.ApiError) as refused:
         work(eb.Client(daemon))
-    told = refused.value
-    assert 400 <= told.status < 500 and told.code and told.message
-    assert status in (None, told.status)
+    error = refused.value
+    assert 400 <= error.status < 500 and error.code and error.message
+    assert status in (None, error.status)
 
 
 def test_submit_wants_one_of_both(daemon):
@@ -262,8 +262,8 @@ def test_redirects_are_refused(status):
     [("401 Unauthorized", "unauthorised"), ("409 Conflict", "held"), ("503 Busy", "busy")],
 )
 def test_refusals_of_each_kind(status, code):
-    told = answer({"code": code, "message": "expected x, found y"}, status)
-    with serving(told) as (url, _), pytest.raises(eb.ApiError, match="expected x") as refused:
+    refusal = answer({"code": code, "message": "expected x, found y"}, status)
+    with serving(refusal) as (url, _), pytest.raises(eb.ApiError, match="expected x") as refused:
         eb.Client(url).benches()
     assert (refused.value.status, refused.value.code) == (int(status[:3]), code)
 
@@ -337,7 +337,7 @@ def files(*entries):
 
 
 @pytest.mark.parametrize(
-    ("entries", "told"),
+    ("entries", "message"),
     [
         ([("a.csv", b"x")], "SHA256SUMS: expected the checksums"),
         ([("SHA256SUMS", b"0" * 64 + b"  a.csv\n"), ("a.csv", b"x")], "a.csv: expected SHA-256"),
@@ -346,10 +346,10 @@ def files(*entries):
     ],
     ids=["no sums", "other bytes", "missing", "beyond"],
 )
-def test_what_is_fetched_is_held_against_its_sums(tmp_path, entries, told):
+def test_what_is_fetched_is_held_against_its_sums(tmp_path, entries, message):
     bodies = [answer(body) for _, body in entries]
     with serving(answer(files(*entries)), *bodies) as (url, _):
-        with pytest.raises(eb.EisError, match=told):
+        with pytest.raises(eb.EisError, match=message):
             eb.Client(url).fetch("r", tmp_path / "r")
     assert list(tmp_path.iterdir()) == []
 

@@ -41,9 +41,9 @@ def column(table, name):
 
 def test_components_and_covariates_are_found():
     found = eb.hierarchy(made(1, batches=16, benches=8), "r_ohm", covariates=["temperature_c"])
-    told = dict(zip(column(found.components, "component"), column(found.components, "sd")))
+    sds = dict(zip(column(found.components, "component"), column(found.components, "sd")))
     for name, sd in TRUTH.items():
-        assert told[name] == pytest.approx(sd, rel=0.5), name
+        assert sds[name] == pytest.approx(sd, rel=0.5), name
     terms = dict(zip(column(found.fixed, "term"), column(found.fixed, "value")))
     assert terms["temperature_c"] == pytest.approx(-0.02, rel=0.05)
     assert len(column(found.cells, "cell")) == 80 and not column(found.outliers, "name")
@@ -54,8 +54,8 @@ def test_intervals_cover_and_false_alarms_are_rare():
     alarms, times = 0, 40
     for seed in range(times):
         found = eb.hierarchy(made([5, seed]), "r_ohm", covariates=["temperature_c"])
-        told = [column(found.components, name) for name in ("component", "low", "high")]
-        for name, low, high in zip(*told):
+        columns = [column(found.components, name) for name in ("component", "low", "high")]
+        for name, low, high in zip(*columns):
             covered[name] += low <= TRUTH[name] <= high
         at = column(found.fixed, "term").index("temperature_c")
         value, sigma = (column(found.fixed, name)[at] for name in ("value", "sigma"))
@@ -87,9 +87,9 @@ def test_a_spectrum_that_stands_out_is_named_and_kept_out():
     table = made(4)
     table["r_ohm"][17] *= 1.15
     found = eb.hierarchy(table, ["r_ohm"], covariates=["temperature_c"])
-    told = {name: column(found.outliers, name) for name in ("kind", "name", "parameter", "sigmas")}
-    assert told["kind"] == ["spectrum"] and told["name"] == ["s17"] and told["parameter"] == ["r_ohm"]
-    assert told["sigmas"][0] > 8
+    odd = {name: column(found.outliers, name) for name in ("kind", "name", "parameter", "sigmas")}
+    assert odd["kind"] == ["spectrum"] and odd["name"] == ["s17"] and odd["parameter"] == ["r_ohm"]
+    assert odd["sigmas"][0] > 8
     assert column(found.components, "sd")[-1] == pytest.approx(0.01, rel=0.2)
 
 
@@ -142,9 +142,9 @@ def test_against_statsmodels():
     table = made(12, benches=1)
     found = eb.hierarchy(table, "r_ohm", covariates=["temperature_c"], bench=None)
     data = pd.DataFrame(table).assign(y=np.log(table["r_ohm"]))
-    told = {"cell": "0 + C(cell)"}
+    formula = {"cell": "0 + C(cell)"}
     model = statsmodels.MixedLM.from_formula(
-        "y ~ temperature_c", groups="batch", re_formula="1", vc_formula=told, data=data
+        "y ~ temperature_c", groups="batch", re_formula="1", vc_formula=formula, data=data
     )
     theirs = model.fit(reml=True)
     ours = dict(zip(column(found.components, "component"), column(found.components, "sd")))

@@ -106,8 +106,8 @@ def test_no_cut_of_a_file_loses_or_doubles_a_row(tmp_path, rows, group):
 
 
 def test_columns_of_a_path():
-    told = _shard.partition("tables/spectra/site=S%C3%BCd/bench=__HIVE_DEFAULT_PARTITION__/x.parquet")
-    assert told == {"site": "Süd", "bench": None}
+    columns = _shard.partition("tables/spectra/site=S%C3%BCd/bench=__HIVE_DEFAULT_PARTITION__/x.parquet")
+    assert columns == {"site": "Süd", "bench": None}
 
 
 def test_shards_follow_from_the_input_alone(store, tmp_path):
@@ -127,10 +127,10 @@ def test_shards_follow_from_the_input_alone(store, tmp_path):
 
 
 def test_any_cut_and_any_number_of_workers_give_the_same_bytes(store, tmp_path):
-    told = [(1, 100_000), (2, 160), (3, 1)]
+    cuts = [(1, 100_000), (2, 160), (3, 1)]
     done = [
         jobs.run(TASK, store, tmp_path / str(rows), workers=workers, rows=rows)
-        for workers, rows in told
+        for workers, rows in cuts
     ]
     assert len({one.sha256 for one in done}) == 1
     assert len(done[2].manifest["shards"]) > 60
@@ -143,7 +143,7 @@ def test_what_is_done_is_not_done_again(store, tmp_path):
     kept = [(one, one.stat().st_mtime_ns) for one in shards[1:]]
     shards[0].unlink()
     seen = []
-    again = jobs.run(TASK, store, out, rows=160, progress=lambda *told: seen.append(told))
+    again = jobs.run(TASK, store, out, rows=160, progress=lambda *counts: seen.append(counts))
     assert seen == [(1, 1)] and again.sha256 == first.sha256
     assert [(one, one.stat().st_mtime_ns) for one in kept_files(kept)] == kept
     write_store(store, runs=7)
@@ -197,8 +197,8 @@ def test_every_kind_of_input_gives_the_same_results(tmp_path):
     parquet.write_table(table, tmp_path / "folder/below/t.parquet")
     given = [tmp_path / "t.parquet", tmp_path / "t.csv", tmp_path / "folder", table]
     given += [table.to_pandas()] if pytest.importorskip("pandas") else []
-    told = {jobs.run(TASK, one, tmp_path / f"out{k}").sha256 for k, one in enumerate(given)}
-    assert len(told) == 1
+    hashes = {jobs.run(TASK, one, tmp_path / f"out{k}").sha256 for k, one in enumerate(given)}
+    assert len(hashes) == 1
 
 
 def test_kk_and_circuits(store, tmp_path):

@@ -67,9 +67,9 @@ def test_a_run_is_diagnosed_against_its_own_model(store, tmp_path):
     done = jobs.run(jobs.diagnose(2, base_only=True), store, tmp_path / "out")
     rows = done.table().to_pylist()
     assert len(rows) >= 1 and all(row["run_sha256"] for row in rows)
-    # A spectrum alone holds nothing out; the reason is told, and without the place of a worker.
-    told = [row["verdict"] or row["error"] for row in rows]
-    assert all(told) and not any("/tmp" in text for text in told)
+    # A spectrum alone holds nothing out; the reason is stated, without the place of a worker.
+    outcomes = [row["verdict"] or row["error"] for row in rows]
+    assert all(outcomes) and not any("/tmp" in text for text in outcomes)
     none = jobs.run(jobs.diagnose(9), store, tmp_path / "none").table().to_pylist()
     assert none[0]["error"] == "model_9rc.json: expected this model in the run, met none"
 

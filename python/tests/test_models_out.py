@@ -17,7 +17,7 @@ def cell():
 
 
 @pytest.mark.parametrize(
-    ("to", "told"),
+    ("to", "text"),
     [
         ("c", "#"),
         ("pybamm", "get_parameter_values"),
@@ -26,8 +26,8 @@ def cell():
         ("modelica", "model Cell "),
     ],
 )
-def test_the_text_of_a_model(cell, to, told):
-    assert told in cell.code(to)
+def test_the_text_of_a_model(cell, to, text):
+    assert text in cell.code(to)
 
 
 def test_an_unknown_program(cell):
@@ -44,10 +44,10 @@ def test_a_text_needs_an_open_circuit_voltage(to):
 @pytest.mark.parametrize("to", ["pybamm", "casadi"])
 def test_texts_of_a_model_file_do_not_become_code(tmp_path, to):
     evil = "x\nEVIL = 1\rEVIL = 1\n\"\"\"EVIL"
-    told = {"name": evil, "r_ohm": 0.01, "branches": [], "warnings": [evil]}
-    told["ocv"] = {"capacity_ah": 4.5, "soc": [0, 1], "ocv_v": [3, 4.2], "slope_v": [1.2, 1.2]}
+    content = {"name": evil, "r_ohm": 0.01, "branches": [], "warnings": [evil]}
+    content["ocv"] = {"capacity_ah": 4.5, "soc": [0, 1], "ocv_v": [3, 4.2], "slope_v": [1.2, 1.2]}
     file = tmp_path / "model.json"
-    file.write_text(json.dumps(told))
+    file.write_text(json.dumps(content))
     tree = ast.parse(eb.Model.read(file).code(to))
     names = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name)]
     assert "R_OHM" in names or "MAP_SOC" in names

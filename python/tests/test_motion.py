@@ -190,8 +190,8 @@ def test_the_program_reads_the_profile(planned, program, tmp_path):
         "--interpolation",
         "linear",
     ]
-    told = program("simulate", *cell, *size, "--profile", tmp_path / "jump.csv", "--json")
-    run = json.loads(told)
+    text = program("simulate", *cell, *size, "--profile", tmp_path / "jump.csv", "--json")
+    run = json.loads(text)
     assert abs(run["min_ccv_v"] - planned.ccv_v.min()) < 0.05
 
 

@@ -49,8 +49,8 @@ def test_files_are_refused_with_their_place(tmp_path, text, line, field):
     file.write_text(text)
     with pytest.raises(eb.FileError, match="cell.csv") as refused:
         eb.read_spectra(file)
-    told = refused.value
-    assert (told.file, told.line, told.field) == (str(file), line, field)
+    error = refused.value
+    assert (error.file, error.line, error.field) == (str(file), line, field)
 
 
 def test_a_file_that_is_not_there(tmp_path):

@@ -38,7 +38,7 @@ def test_noise_is_told():
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (lambda r: r.pop("voltage_v"), "expected a column voltage_v"),
         (lambda r: r.update(time_s=r["time_s"][::-1]), "expected"),
@@ -48,10 +48,10 @@ def test_noise_is_told():
     ],
     ids=["column", "time", "charge", "nan", "lengths"],
 )
-def test_records_that_cannot_be(change, told):
+def test_records_that_cannot_be(change, message):
     record = slow_discharge()
     change(record)
-    with pytest.raises(eb.EisError, match=told):
+    with pytest.raises(eb.EisError, match=message):
         eb.ocv(record)
 
 
@@ -105,15 +105,15 @@ def data_set(r_ohm=0.01, tau_s=20.0):
 
 
 def test_a_model_that_is_right_is_said_to_be():
-    told = eb.diagnose(data_set(), model())
-    assert told.verdict == "at_noise_floor", told.summary
-    assert told.summary in str(told)
+    diagnosis = eb.diagnose(data_set(), model())
+    assert diagnosis.verdict == "at_noise_floor", diagnosis.summary
+    assert diagnosis.summary in str(diagnosis)
 
 
 def test_a_branch_that_is_missing_is_told():
     without = eb.Model(0.01, []).with_ocv(4.5, OCV_SOC, OCV_V)
-    told = eb.diagnose(data_set(), without)
-    assert told.verdict != "at_noise_floor", told.summary
+    diagnosis = eb.diagnose(data_set(), without)
+    assert diagnosis.verdict != "at_noise_floor", diagnosis.summary
 
 
 def test_a_data_set_needs_a_state_and_names_of_its_own():
@@ -134,12 +134,12 @@ def test_a_diagnosis_needs_an_open_circuit_voltage():
 
 
 def test_a_data_set_without_runs_is_refused():
-    told = None
+    verdict = None
     try:
-        told = eb.diagnose(eb.DataSet(), model()).verdict
+        verdict = eb.diagnose(eb.DataSet(), model()).verdict
     except eb.EisError as error:
         assert "expected" in str(error)
-    assert told in (None, "invalid")
+    assert verdict in (None, "invalid")
 
 
 @pytest.fixture(scope="session")

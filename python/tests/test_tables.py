@@ -157,7 +157,7 @@ def test_numbers_go_to_arrow_without_a_copy():
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (lambda c: c.pop("freq_hz"), "expected a column freq_hz"),
         (lambda c: c.pop("z_im_ohm"), "expected a column z_im_ohm"),
@@ -167,10 +167,10 @@ def test_numbers_go_to_arrow_without_a_copy():
     ],
     ids=["no freq", "no im", "texts", "lengths", "no id"],
 )
-def test_tables_that_cannot_be(change, told):
+def test_tables_that_cannot_be(change, message):
     columns = long_form()
     change(columns)
-    with pytest.raises(eb.EisError, match=told):
+    with pytest.raises(eb.EisError, match=message):
         eb.fit_table(columns)
 
 
@@ -193,8 +193,8 @@ def test_rows_of_a_spectrum_may_stand_apart():
 
 def test_a_table_prints(capsys):
     print(eb.fit_table(long_form(12), 1))
-    told = capsys.readouterr().out
-    assert "spectrum_id" in told and "… 12 rows" in told
+    output = capsys.readouterr().out
+    assert "spectrum_id" in output and "… 12 rows" in output
     assert "<table>" in eb.fit_table(long_form(1), 1)._repr_html_()
 
 

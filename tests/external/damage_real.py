@@ -1,14 +1,14 @@
 """Damage done to measured records, as fixtures/study/src/forensics.rs does it to simulated ones: is
-each kind told as what it is?
+each kind reported as what it is?
 
 Usage: damage_real.py [--bench PATH] [--out FILE] [--misses]
   --bench   the program [default: target/debug/eis-bench of this repository]
   --out     also write the table to this file
-  --misses  list every try that was not told as what it is
+  --misses  list every try that was not reported as what it is
 
 Every kind of damage is done at ten strengths to a copy of each data set; then `diagnose --findings`
 tells what it finds. What it finds in the undamaged copy is taken off. An entry of the table is
-`right / right and more / other / not told`, followed by what else was told.
+`right / right and more / other / not found`, followed by what else was reported.
 """
 
 import argparse
@@ -413,7 +413,7 @@ def no_number(scene, count):
         row[V] = "" if scene.turn % 2 == 0 else "nan"
 
 
-# Kind, what it must be told as, weakest and strongest, unit, what it does. A file knows more than
+# Kind, what it must be reported as, weakest and strongest, unit, what it does. A file knows more than
 # the study's records, which are in memory: its window tells a record that was cut off from one
 # without repeats, and its reader tells a row without a number.
 DAMAGES = [
@@ -441,7 +441,7 @@ DAMAGES = [
 ]
 
 
-def told(bench, folder):
+def list_findings(bench, folder):
     """Checks that refuse the data set and kinds of its findings, and their texts."""
     command = [str(bench), "diagnose", str(folder), "--findings", "--json"]
     end = subprocess.run(command, capture_output=True, text=True, timeout=300)
@@ -455,7 +455,7 @@ def told(bench, folder):
 
 
 def attempt(bench, folder, base, damage, turn):
-    """One damage of one strength; what is told of it, or why it does not apply."""
+    """One damage of one strength; what is reported of it, or why it does not apply."""
     _, _, low, high, unit, act = damage
     scene = copy.deepcopy(base)
     scene.turn = turn
@@ -465,17 +465,17 @@ def attempt(bench, folder, base, damage, turn):
     except DoesNotApply as why:
         return str(why)
     scene.write(folder)
-    return told(bench, folder), f"{strength:.3g} {unit}".strip(), scene.acted_on
+    return list_findings(bench, folder), f"{strength:.3g} {unit}".strip(), scene.acted_on
 
 
-def entry(ends, told_as, known):
-    """Counts of one kind in one data set, what else was told, and the tries that missed."""
+def entry(ends, expected_kinds, known):
+    """Counts of one kind in one data set, what else was reported, and the tries that missed."""
     if isinstance(ends[0], str):
         return f"does not apply: {ends[0]}", []
     counts, other, misses = [0] * 4, {}, []
     for (kinds, texts), strength, acted_on in ends:
         kinds = kinds - known
-        others = kinds - set(told_as)
+        others = kinds - set(expected_kinds)
         is_right = kinds != others
         counts[(0 if not others else 1) if is_right else (2 if others else 3)] += 1
         for kind in others:
@@ -499,7 +499,7 @@ def main():
         folder, known = pathlib.Path(folder), []
         for base in bases:
             base.write(folder / base.name)
-            kinds, texts = told(options.bench, folder / base.name)
+            kinds, texts = list_findings(options.bench, folder / base.name)
             if "failed" in kinds:
                 sys.exit(f"{base.name}, undamaged: {texts[0]}")
             known.append(kinds)
@@ -510,10 +510,10 @@ def main():
         lines.append(f"| damage | from | to | {' | '.join(SETS)} |")
         lines.append("|---" * (3 + len(SETS)) + "|")
         for damage, of_damage in zip(DAMAGES, tries):
-            name, told_as, low, high, unit, _ = damage
+            name, expected_kinds, low, high, unit, _ = damage
             entries = []
             for base, kinds, ends in zip(bases, known, of_damage):
-                text, misses = entry([end.result() for end in ends], told_as, kinds)
+                text, misses = entry([end.result() for end in ends], expected_kinds, kinds)
                 entries.append(text)
                 missed += [f"{name}, {base.name}, {miss}" for miss in misses]
             lines.append(f"| {name} | {low:g} {unit} | {high:g} {unit} | {' | '.join(entries)} |")

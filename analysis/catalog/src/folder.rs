@@ -194,7 +194,7 @@ pub(crate) fn read(folder: &Path, stamp: String, beside: Beside) -> Folder {
         notes: reading.beside.notes,
         spectra,
         fits,
-        events: reading.told.events,
+        events: reading.journal.events,
     }
 }
 
@@ -203,7 +203,7 @@ struct Reading<'a> {
     folder: &'a Path,
     run: String,
     manifest: Manifest,
-    told: Told,
+    journal: Told,
     index: RunIndex,
     cells: Vec<CatalogCell>,
     beside: Beside,
@@ -213,24 +213,24 @@ struct Reading<'a> {
 impl<'a> Reading<'a> {
     fn of(folder: &'a Path, beside: Beside) -> Self {
         let mut damage = Vec::new();
-        let mut told = journal::read(folder).unwrap_or_else(|reason| {
+        let mut journal = journal::read(folder).unwrap_or_else(|reason| {
             damage.push(reason);
             Told::default()
         });
         let manifest: Option<Manifest> = json(folder, MANIFEST, &mut damage);
-        if manifest.is_none() && damage.is_empty() && told.how.is_some() {
+        if manifest.is_none() && damage.is_empty() && journal.how.is_some() {
             damage.push(format!("{MANIFEST}: expected of an ended run, found none"));
         }
-        told.how = told.how.or_else(|| beside.how.clone());
+        journal.how = journal.how.or_else(|| beside.how.clone());
         let index: RunIndex = json(folder, INDEX, &mut damage).unwrap_or_default();
         let manifest = manifest.unwrap_or_default();
-        let cells = cells(folder, &manifest, &told, &index);
+        let cells = cells(folder, &manifest, &journal, &index);
         Self {
             folder,
             run: identity(folder),
             beside,
             manifest,
-            told,
+            journal,
             index,
             cells,
             damage,
@@ -405,7 +405,7 @@ impl<'a> Reading<'a> {
     fn run(&self, spectra: &[CatalogSpectrum], fits: usize, map: Option<CatalogMap>) -> CatalogRun {
         let Self {
             manifest,
-            told,
+            journal,
             beside,
             ..
         } = self;
@@ -418,27 +418,27 @@ impl<'a> Reading<'a> {
             name: self.name(),
             folder: self.folder.to_string_lossy().into_owned(),
             missing: false,
-            version: or(&manifest.version, &told.version),
-            experiment: or(&manifest.experiment, &told.experiment),
+            version: or(&manifest.version, &journal.version),
+            experiment: or(&manifest.experiment, &journal.experiment),
             bench: manifest.bench.clone(),
             cells: self.cells.clone(),
-            operator: beside.operator.clone().or_else(|| told.by.clone()),
+            operator: beside.operator.clone().or_else(|| journal.by.clone()),
             tags: beside.tags.clone(),
             notes: count(beside.notes.len()),
             seed: if manifest.seed == 0 {
-                told.seed
+                journal.seed
             } else {
                 manifest.seed
             },
-            time: or(&manifest.time, &told.time),
+            time: or(&manifest.time, &journal.time),
             simulated: manifest.simulated,
             started_unix_s: self.started_unix_s(),
             time_source: self.time_source(),
             bench_time_s: manifest.bench_time_s,
-            how: told.how.clone(),
+            how: journal.how.clone(),
             verdict: self.verdict(refused),
-            trip: told.trip().map(str::to_owned),
-            resumed: told.resumed,
+            trip: journal.trip().map(str::to_owned),
+            resumed: journal.resumed,
             spectra: count(spectra.iter().filter(corrected).count()),
             refused_points: refused,
             fits: count(fits),
@@ -450,19 +450,19 @@ impl<'a> Reading<'a> {
     }
 
     fn verdict(&self, refused: u32) -> CatalogVerdict {
-        match &self.told.how {
+        match &self.journal.how {
             _ if !self.damage.is_empty() => CatalogVerdict::Damaged,
             None => CatalogVerdict::Unfinished,
             Some(how) if run_folder::is_stopped(how) => CatalogVerdict::Stopped,
-            Some(_) if !self.told.is_finished() => CatalogVerdict::Failed,
-            Some(_) if refused > 0 || self.told.soc_missed => CatalogVerdict::Doubtful,
+            Some(_) if !self.journal.is_finished() => CatalogVerdict::Failed,
+            Some(_) if refused > 0 || self.journal.soc_missed => CatalogVerdict::Doubtful,
             Some(_) => CatalogVerdict::Good,
         }
     }
 }
 
 /// Returns the specimens of a campaign or of the operator's answers, otherwise the one cell.
-fn cells(folder: &Path, manifest: &Manifest, told: &Told, index: &RunIndex) -> Vec<CatalogCell> {
+fn cells(folder: &Path, manifest: &Manifest, journal: &Told, index: &RunIndex) -> Vec<CatalogCell> {
     let kind = &manifest.cell;
     let named = |name: &str, own: Identity| CatalogCell {
         name: name.to_owned(),
@@ -481,7 +481,7 @@ fn cells(folder: &Path, manifest: &Manifest, told: &Told, index: &RunIndex) -> V
     };
     if let Some(name) = &manifest.specimen {
         return vec![CatalogCell {
-            scanned_serial: told.scanned.clone(),
+            scanned_serial: journal.scanned.clone(),
             ..named(name, kind.identity.clone())
         }];
     }
@@ -501,7 +501,7 @@ fn cells(folder: &Path, manifest: &Manifest, told: &Told, index: &RunIndex) -> V
             None => cells.push(cell),
         }
     };
-    for asked in &told.cells {
+    for asked in &journal.cells {
         add(CatalogCell {
             scanned_serial: asked.scanned.clone(),
             ..named(&asked.name, of_serial(asked.serial.as_ref()))
@@ -515,7 +515,7 @@ fn cells(folder: &Path, manifest: &Manifest, told: &Told, index: &RunIndex) -> V
         .find(|name| !name.is_empty());
     if let Some(name) = one.filter(|_| cells.is_empty()) {
         cells.push(CatalogCell {
-            scanned_serial: told.scanned.clone(),
+            scanned_serial: journal.scanned.clone(),
             ..named(name, kind.identity.clone())
         });
     }

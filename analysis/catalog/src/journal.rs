@@ -194,13 +194,13 @@ impl Told {
 pub(crate) fn read(folder: &Path) -> Result<Told, String> {
     let file = File::open(folder.join(JOURNAL)).map_err(|error| format!("{JOURNAL}: {error}"))?;
     let mut reader = BufReader::with_capacity(1 << 16, file);
-    let (mut told, mut text, mut number) = (Told::default(), Vec::new(), 0_u64);
+    let (mut facts, mut text, mut number) = (Told::default(), Vec::new(), 0_u64);
     loop {
         text.clear();
         let read = reader.read_until(b'\n', &mut text);
         read.map_err(|error| format!("{JOURNAL}: {error}"))?;
         if text.last() != Some(&b'\n') {
-            return Ok(told);
+            return Ok(facts);
         }
         number += 1;
         match is_kept(&text) {
@@ -208,7 +208,7 @@ pub(crate) fn read(folder: &Path) -> Result<Told, String> {
                 let line = serde_json::from_slice(&text).map_err(|error| {
                     format!("{JOURNAL}:{number}: expected a line of a journal, found {error}")
                 })?;
-                told.take(line);
+                facts.take(line);
             }
             Some(false) => (),
             None => {
@@ -264,23 +264,23 @@ mod tests {
             r#""safe""#,
             r#"{"ended":{"how":"ended early: interlock: voltage 4.3 V"}}"#,
         ]);
-        let told = read_text(&(text + "{\"number\":7,\"torn")).unwrap();
-        assert_eq!((told.seed, told.by.as_deref()), (3, Some("ann")));
-        assert_eq!(told.cells[0].scanned.as_deref(), Some("S1"));
-        let kinds: Vec<_> = told.events.iter().map(|event| event.kind).collect();
+        let facts = read_text(&(text + "{\"number\":7,\"torn")).unwrap();
+        assert_eq!((facts.seed, facts.by.as_deref()), (3, Some("ann")));
+        assert_eq!(facts.cells[0].scanned.as_deref(), Some("S1"));
+        let kinds: Vec<_> = facts.events.iter().map(|event| event.kind).collect();
         assert_eq!(kinds, [CatalogEventKind::Answered, CatalogEventKind::Trip]);
-        assert_eq!(told.trip(), Some("voltage 4.3 V"));
-        assert!(!told.is_finished());
+        assert_eq!(facts.trip(), Some("voltage 4.3 V"));
+        assert!(!facts.is_finished());
     }
 
     #[test]
     fn a_resumed_run_has_no_end_before_its_last() {
         let resumed = r#"{"resumed":{"text":"x"}}"#;
         let ended = r#"{"ended":{"how":"finished"}}"#;
-        let told = read_text(&journal(&[STARTED, ended, resumed])).unwrap();
-        assert_eq!((told.how, told.resumed), (None, 1));
-        let told = read_text(&journal(&[STARTED, resumed, ended])).unwrap();
-        assert!(told.is_finished());
+        let facts = read_text(&journal(&[STARTED, ended, resumed])).unwrap();
+        assert_eq!((facts.how, facts.resumed), (None, 1));
+        let facts = read_text(&journal(&[STARTED, resumed, ended])).unwrap();
+        assert!(facts.is_finished());
     }
 
     #[test]

@@ -302,13 +302,13 @@ impl Block {
     pub(super) fn lies_as(&mut self, measured: &[Self]) {
         let is_cell = self.at.is_cell;
         // An unknown position differs from zero impedance below it.
-        let told = |b: &&Self| {
+        let is_placed = |b: &&Self| {
             matches!(b.kind, Kind::Eis { .. }) && b.at.common_mode != CommonModeImpedance::default()
         };
         let common_mode = |cell: bool| {
             measured
                 .iter()
-                .filter(told)
+                .filter(is_placed)
                 .find(|b| b.at.is_cell == cell)
                 .map(|b| b.at.common_mode)
         };

@@ -404,8 +404,8 @@ impl<'a> Cut<'a> {
 
     /// Returns the number of rows that determine a level.
     fn rows(&self) -> usize {
-        let told = |segment: &Range<usize>| segment.len() - self.skipped(segment);
-        self.segments.iter().map(told).sum()
+        let counted = |segment: &Range<usize>| segment.len() - self.skipped(segment);
+        self.segments.iter().map(counted).sum()
     }
 
     /// Rows at the start of a segment that may be read while the current changes.
@@ -812,7 +812,7 @@ impl Filter {
     }
 
     /// Returns the correction as text.
-    pub(crate) fn told(&self) -> String {
+    pub(crate) fn describe(&self) -> String {
         format!(
             "the current of {} records was corrected for {} of {:.3} ± {:.3} s, as accepted: all \
             results depend on the corrected current; the files contain the logged one",

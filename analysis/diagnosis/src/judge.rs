@@ -155,8 +155,8 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
         ),
     };
     hint(d, selection);
-    let told: Vec<String> = d.effects.iter().flat_map(cautions).collect();
-    d.summary.extend(told);
+    let sentences: Vec<String> = d.effects.iter().flat_map(cautions).collect();
+    d.summary.extend(sentences);
 }
 
 /// Sentences on the values of a named effect that are unlike sound cells and benches.
@@ -245,7 +245,7 @@ mod tests {
         };
         let p = &leak.parameters(&base)[0];
         // 5 % of 4.5 Ah in a day are 9.4 mA.
-        let told = |low: f64, high: f64| {
+        let caution_text = |low: f64, high: f64| {
             let effect = NamedEffect {
                 name: leak.card().name,
                 title: leak.card().title,
@@ -269,9 +269,9 @@ mod tests {
             };
             cautions(&effect).collect::<String>()
         };
-        assert_eq!(told(0.005, 0.009), "");
-        assert_eq!(told(0.009, 0.02), "");
-        let text = told(0.855, 0.863);
+        assert_eq!(caution_text(0.005, 0.009), "");
+        assert_eq!(caution_text(0.009, 0.02), "");
+        let text = caution_text(0.855, 0.863);
         assert!(
             text.starts_with(" Caution, leak_a of self-discharge has an unusual value: a sound")
                 && text.contains("BU-802b"),

@@ -339,8 +339,8 @@ impl Correction {
             .into_iter()
             .map(|source| (source, of(source)))
             .collect();
-        let told: Covariance2 = parts.iter().map(|(_, part)| *part).sum();
-        let rest = impedance.carried(&self.covariance) + told.times(-1.0);
+        let explained: Covariance2 = parts.iter().map(|(_, part)| *part).sum();
+        let rest = impedance.carried(&self.covariance) + explained.times(-1.0);
         if let Some((_, noise)) = parts
             .iter_mut()
             .find(|(source, _)| *source == Source::ControlNoise)
@@ -433,7 +433,7 @@ impl Correction {
             }
         };
         (0..COUNT)
-            .filter(|index| self.told[*index])
+            .filter(|index| self.known[*index])
             .map(parameter)
             .collect()
     }

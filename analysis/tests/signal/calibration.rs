@@ -246,17 +246,17 @@ fn the_common_error_is_what_the_correction_carries() {
         .zip(runs.shunt.iter().filter(high))
     {
         let z_ohm = correction.apply(jig).z_ohm;
-        let told = |is_cell: bool| {
+        let variance = |is_cell: bool| {
             (0..COMMON)
                 .map(|error| left.at(error, jig.freq_hz, z_ohm, is_cell).im.powi(2))
                 .sum::<f64>()
         };
         let carried = correction.carried_covariance(jig).im_im;
         assert!(
-            (told(true) / carried - 1.0).abs() < 0.05,
+            (variance(true) / carried - 1.0).abs() < 0.05,
             "{} Hz: {} Ω² of {carried} Ω²",
             jig.freq_hz,
-            told(true)
+            variance(true)
         );
         let own: f64 = correction
             .measured_parts(shunt)
@@ -265,10 +265,10 @@ fn the_common_error_is_what_the_correction_carries() {
             .sum();
         let carried = correction.apply_at_shunt(shunt).covariance.im_im - own;
         assert!(
-            (told(false) / carried - 1.0).abs() < 0.2,
+            (variance(false) / carried - 1.0).abs() < 0.2,
             "{} Hz, shunt: {} Ω² of {carried} Ω²",
             jig.freq_hz,
-            told(false)
+            variance(false)
         );
         compared += 1;
     }
@@ -397,11 +397,11 @@ fn parameters_come_back_where_the_controls_tell_them() {
         ..controls
     })
     .unwrap();
-    let told = alone.parameters();
-    assert_eq!(told.len(), 10);
+    let found = alone.parameters();
+    assert_eq!(found.len(), 10);
     assert!(
-        told[1].sigma < 1e-5 && told[0].sigma > 0.005 && told[2].sigma > 0.005,
-        "the shunt determines gain 3 and the ratio of 4 and 2: {told:?}"
+        found[1].sigma < 1e-5 && found[0].sigma > 0.005 && found[2].sigma > 0.005,
+        "the shunt determines gain 3 and the ratio of 4 and 2: {found:?}"
     );
 }
 

@@ -138,7 +138,7 @@ fn a_leak_counts_where_the_open_jig_was_measured_and_only_there() {
             });
         (errors.fold(0.0, f64::max), correction.parameters().len())
     };
-    let ((with, told), (without, untold)) = (
+    let ((with, count_with), (without, count_without)) = (
         error(&controls),
         error(&Controls {
             open: None,
@@ -150,7 +150,7 @@ fn a_leak_counts_where_the_open_jig_was_measured_and_only_there() {
         "{with} with the open, {without} without"
     );
     assert_eq!(
-        (told, untold),
+        (count_with, count_without),
         (14, 12),
         "what was not measured is not a parameter"
     );

@@ -55,17 +55,17 @@ pub fn leave_out_refused(sourced: &mut SourcedSpectrum, wanted: bool) -> Result<
     if count == 0 {
         return Ok(());
     }
-    let (name, told) = (&sourced.spectrum.name, refused_in_words(&sourced.flagged));
+    let (name, refusals) = (&sourced.spectrum.name, refused_in_words(&sourced.flagged));
     if wanted {
         remark!(
             "{name}: {count} of {points} points are used as requested, although the quality gate \
-            refused them: {told}"
+            refused them: {refusals}"
         );
         return Ok(());
     }
     remark!(
-        "{name}: {count} of {points} points are left out: the quality gate refused them: {told}; \
-        --refused-points uses them"
+        "{name}: {count} of {points} points are left out: the quality gate refused them: \
+        {refusals}; --refused-points uses them"
     );
     sourced.leave_out_flagged();
     if sourced.spectrum.points.is_empty() {

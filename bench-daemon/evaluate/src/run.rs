@@ -47,7 +47,7 @@ pub struct Finished {
 
 impl Finished {
     /// Returns the summary for the terminal, and the verdict of the quality gate.
-    pub fn told(self) -> (String, Result<(), Failure>) {
+    pub fn summary_and_verdict(self) -> (String, Result<(), Failure>) {
         let gated = self.gated();
         (self.summary, gated)
     }

@@ -348,21 +348,21 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("fleet.toml");
         let head = "name = \"lab\"\nsite = \"north\"\ndata = \"data\"\n";
-        let told = |more: &str| {
+        let load_error = |more: &str| {
             std::fs::write(&path, format!("{head}{more}")).unwrap();
             AgentFile::load(&path).unwrap_err().to_string()
         };
-        let found = told("listen = \"127.0.0.1:0\"\nlease = \"1 s\"\n");
+        let found = load_error("listen = \"127.0.0.1:0\"\nlease = \"1 s\"\n");
         assert!(
             found.ends_with("fleet.toml:5: lease: expected 2 s to 600 s, found 1 s"),
             "{found}"
         );
-        let found = told("listen = \"0.0.0.0:7430\"\n");
+        let found = load_error("listen = \"0.0.0.0:7430\"\n");
         assert!(
             found.contains("fleet.toml:4: listen: expected a section [tls]"),
             "{found}"
         );
-        let found = told("listen = \"127.0.0.1:0\"\nlaese = \"1 s\"\n");
+        let found = load_error("listen = \"127.0.0.1:0\"\nlaese = \"1 s\"\n");
         assert!(
             found.contains("fleet.toml:5: unknown field `laese`"),
             "{found}"
@@ -383,7 +383,10 @@ mod tests {
             read_private(&path)
         };
         assert_eq!(mode(0o600).unwrap(), "eb_0");
-        let told = mode(0o640).unwrap_err().to_string();
-        assert!(told.ends_with("(mode 0600), found mode 0640"), "{told}");
+        let message = mode(0o640).unwrap_err().to_string();
+        assert!(
+            message.ends_with("(mode 0600), found mode 0640"),
+            "{message}"
+        );
     }
 }

@@ -165,14 +165,14 @@ impl Fleet {
 /// Connects, and retries until the broker is reachable.
 async fn reach(joining: &Joining) -> Arc<Shared> {
     let clock = Clock::start(TimeMode::Real);
-    let mut told = String::new();
+    let mut reported = String::new();
     loop {
         match shared(joining).await {
             Ok(shared) => return shared,
-            Err(error) if error.to_string() != told => {
-                told = error.to_string();
+            Err(error) if error.to_string() != reported => {
+                reported = error.to_string();
                 tracing::warn!(
-                    "fleet {}: {told}; it is tried again",
+                    "fleet {}: {reported}; it is tried again",
                     joining.settings.fleet
                 );
             }

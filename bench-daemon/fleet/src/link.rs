@@ -85,8 +85,8 @@ impl Link {
     /// # Errors
     /// The credentials or certificates cannot be used, or the broker refuses them.
     pub(crate) async fn open(settings: &FleetSettings) -> Result<Arc<Self>, FleetError> {
-        let (told, connected) = watch::channel(0);
-        let client = options(settings, told)?
+        let (connections, connected) = watch::channel(0);
+        let client = options(settings, connections)?
             .connect(settings.server.as_str())
             .await
             .map_err(|error| FleetError::unreachable(&error))?;

@@ -119,7 +119,7 @@ impl Member {
 
     /// Works until the task is aborted.
     pub(crate) async fn work(mut self) {
-        let mut told = None;
+        let mut reported = None;
         loop {
             let trouble = self.look().await.err();
             // The connections report an unreachable broker or server; errors of a disk or a record
@@ -128,10 +128,13 @@ impl Member {
                 matches!(error, FleetError::Unreachable(_) | FleetError::Bench(_))
             };
             let news = trouble.filter(|error| !is_known(error));
-            if let Some(error) = news.as_ref().filter(|error| told.as_ref() != Some(*error)) {
+            if let Some(error) = news
+                .as_ref()
+                .filter(|error| reported.as_ref() != Some(*error))
+            {
                 tracing::error!("fleet: {}: nothing is taken: {error}", self.me.place);
             }
-            told = news;
+            reported = news;
             self.shared.link.clock.sleep_s(LOOK_S).await;
         }
     }
@@ -145,16 +148,16 @@ impl Member {
             Ok(condition) => condition,
             // The active run and the ends of jobs are unknown.
             Err(away) => {
-                let told = self.tell(&Condition::away(&away)).await.map(drop);
-                return followed.and(told);
+                let sent = self.tell(&Condition::away(&away)).await.map(drop);
+                return followed.and(sent);
             }
         };
         let heard = self.hear(&condition.run).await;
-        let told = self.tell(&condition).await;
+        let registered = self.tell(&condition).await;
         // An error of one job does not block the others, but no new job is taken.
         self.go_on().await?;
         followed.and(heard)?;
-        if !told? || !self.shared.jobs.is_whole() {
+        if !registered? || !self.shared.jobs.is_whole() {
             return Ok(());
         }
         self.return_claims().await;

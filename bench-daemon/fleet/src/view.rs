@@ -395,9 +395,9 @@ fn stranded_by(job: &Job, benches: &[BenchView]) -> Option<String> {
 /// Joins the first reasons, and the number of further ones.
 fn first_of(reasons: &[String]) -> String {
     const TOLD: usize = 3;
-    let told = reasons.iter().take(TOLD).cloned().collect::<Vec<_>>();
+    let first = reasons.iter().take(TOLD).cloned().collect::<Vec<_>>();
     match reasons.len().saturating_sub(TOLD) {
-        0 => told.join("; "),
-        more => format!("{}; and {more} more", told.join("; ")),
+        0 => first.join("; "),
+        more => format!("{}; and {more} more", first.join("; ")),
     }
 }

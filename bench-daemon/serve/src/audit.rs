@@ -85,8 +85,8 @@ struct Head {
     chain: String,
     /// Checksum over the altered lines that the trail has already reported; empty if there are
     /// none. Altered lines stay in the file, and a report at each start would fill the trail.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    told: String,
+    #[serde(rename = "told", default, skip_serializing_if = "String::is_empty")]
+    reported: String,
 }
 
 /// The audit trail of a data folder.
@@ -226,9 +226,9 @@ fn check(path: &Path) -> std::io::Result<(Head, Vec<String>)> {
             .is_none_or(|deed| chain(&head.chain, deed) != deed.chain)
         {
             wrong.push(head.lines);
-            head.told = checksum(&format!(
+            head.reported = checksum(&format!(
                 "{} {} {}",
-                head.told,
+                head.reported,
                 head.lines,
                 String::from_utf8_lossy(&line)
             ));
@@ -236,32 +236,32 @@ fn check(path: &Path) -> std::io::Result<(Head, Vec<String>)> {
         head.chain = deed.map_or(head.chain, |deed| deed.chain);
         met |= known.is_some_and(|known| (known.lines, &known.chain) == (head.lines, &head.chain));
     }
-    let news = !wrong.is_empty() && known.is_none_or(|known| known.told != head.told);
-    let mut told: Vec<String> = news.then(|| altered(&wrong)).into_iter().collect();
+    let news = !wrong.is_empty() && known.is_none_or(|known| known.reported != head.reported);
+    let mut messages: Vec<String> = news.then(|| altered(&wrong)).into_iter().collect();
     // Of a server that died between the two, the trail is a line longer than the other file says.
     match named {
-        Err(what) => told.push(what),
+        Err(what) => messages.push(what),
         Ok(Some(known)) if known.lines > head.lines => {
-            told.push(format!(
+            messages.push(format!(
                 "the audit trail had {} lines, found {}: its end was cut off",
                 known.lines, head.lines
             ));
         }
-        Ok(Some(known)) if known.lines > 0 && !met && told.is_empty() => {
-            told.push(format!(
+        Ok(Some(known)) if known.lines > 0 && !met && messages.is_empty() => {
+            messages.push(format!(
                 "line {} of the audit trail is not the one that {HEAD} names",
                 known.lines
             ));
         }
         Ok(None) if head.lines > 0 => {
-            told.push(format!(
+            messages.push(format!(
                 "expected {HEAD} beside the audit trail, found none: whether its end \
             is there is not known"
             ));
         }
         Ok(_) => {}
     }
-    Ok((head, told))
+    Ok((head, messages))
 }
 
 fn altered(lines: &[usize]) -> String {
@@ -348,9 +348,13 @@ mod tests {
         assert_eq!(wrong(), [cut]);
         // It is in the trail itself, once.
         drop(Audit::open(folder.path()).unwrap());
-        let told = Audit::open(folder.path()).unwrap().latest(9).unwrap();
+        let deeds = Audit::open(folder.path()).unwrap().latest(9).unwrap();
         assert_eq!(
-            (told.len(), told[3].who.as_str(), told[3].outcome.as_str()),
+            (
+                deeds.len(),
+                deeds[3].who.as_str(),
+                deeds[3].outcome.as_str()
+            ),
             (4, "server", cut)
         );
         // A server died in the middle of a line, or between the line and the other file.
@@ -392,7 +396,7 @@ mod tests {
             audit.write(ANN, what, "200").unwrap();
         }
         drop(audit);
-        let told = || -> Vec<String> {
+        let server_reports = || -> Vec<String> {
             let deeds = Audit::open(folder.path()).unwrap().latest(99).unwrap();
             deeds
                 .into_iter()
@@ -412,7 +416,7 @@ mod tests {
         alter("first", "other");
         let first = "line 1 of the audit trail is not as it was written";
         assert_eq!(
-            (told(), told(), told()),
+            (server_reports(), server_reports(), server_reports()),
             (
                 vec![first.to_owned()],
                 vec![first.to_owned()],
@@ -422,7 +426,7 @@ mod tests {
         alter("second", "another");
         let both = "lines 1, 2 of the audit trail are not as they were written";
         assert_eq!(
-            (told(), told()),
+            (server_reports(), server_reports()),
             (
                 vec![first.to_owned(), both.to_owned()],
                 vec![first.to_owned(), both.to_owned()]
@@ -442,9 +446,9 @@ mod tests {
         bytes.extend(b"{\"who\":\"J\xc3");
         std::fs::write(&path, &bytes).unwrap();
         let deeds = Audit::open(folder.path()).unwrap().latest(9).unwrap();
-        let told: Vec<&str> = deeds.iter().map(|deed| deed.outcome.as_str()).collect();
+        let outcomes: Vec<&str> = deeds.iter().map(|deed| deed.outcome.as_str()).collect();
         assert_eq!(
-            told,
+            outcomes,
             ["200", "line 2 of the audit trail is not as it was written"]
         );
         assert_eq!(check(&path).unwrap().1, [""; 0]);
@@ -459,17 +463,17 @@ mod tests {
             .write(ANN, "first", "200")
             .unwrap();
         std::fs::set_permissions(&head, std::fs::Permissions::from_mode(0o666)).unwrap();
-        let told = Audit::open(folder.path())
+        let outcome = Audit::open(folder.path())
             .unwrap()
             .latest(1)
             .unwrap()
             .remove(0)
             .outcome;
         assert!(
-            told.starts_with(
+            outcome.starts_with(
                 "audit.head.json beside the audit trail cannot be trusted (everybody may write it)"
             ),
-            "{told}"
+            "{outcome}"
         );
         assert_eq!(
             std::fs::metadata(&head).unwrap().permissions().mode() & 0o777 & !MODE,
@@ -492,14 +496,14 @@ mod tests {
         for damaged in [&b""[..], b"{\"lines\":", b"{}", b"\xff"] {
             std::fs::write(&head, damaged).unwrap();
             let deeds = Audit::open(folder.path()).unwrap().latest(1).unwrap();
-            let told = &deeds[0].outcome;
+            let notice = &deeds[0].outcome;
             assert!(
-                told.starts_with("audit.head.json beside the audit trail cannot be understood ("),
-                "{told}"
+                notice.starts_with("audit.head.json beside the audit trail cannot be understood ("),
+                "{notice}"
             );
             assert!(
-                told.ends_with("): whether the end of the trail is there is not known"),
-                "{told}"
+                notice.ends_with("): whether the end of the trail is there is not known"),
+                "{notice}"
             );
             assert_eq!(check(&path).unwrap().1, [""; 0]);
         }

@@ -135,7 +135,7 @@ fn moved(run: &Path, spectrum: &str, freq_hz: f64) -> Option<String> {
 /// In words: there is none, it cannot be read, or it cannot be fitted.
 pub fn view(run: &Path, spectrum: &str, freq_hz: f64) -> Result<CaptureView, String> {
     let missing = || match moved(run, spectrum, freq_hz) {
-        Some(told) => format!("the record of {freq_hz} Hz of {spectrum} was {told}"),
+        Some(words) => format!("the record of {freq_hz} Hz of {spectrum} was {words}"),
         None => format!("no record of {freq_hz} Hz of {spectrum} is kept in this run"),
     };
     let path = path_of(run, spectrum, freq_hz).ok_or_else(missing)?;

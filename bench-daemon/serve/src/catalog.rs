@@ -110,7 +110,7 @@ impl CatalogKeeper {
     }
 
     /// Runs a scan, logs its failure and records the outcome. Returns whether the scan succeeded.
-    fn told(&self, scan: impl FnOnce() -> Result<(), CatalogError>) -> bool {
+    fn run_scan(&self, scan: impl FnOnce() -> Result<(), CatalogError>) -> bool {
         self.note(|state| state.scanning = true);
         let scanned = scan();
         self.note(|state| {
@@ -140,7 +140,7 @@ impl CatalogKeeper {
             .unwrap_or_else(PoisonError::into_inner)
             .take();
         let Some(wakes) = taken else { return };
-        let mut done = self.told(|| self.scan());
+        let mut done = self.run_scan(|| self.scan());
         loop {
             if done {
                 changed();
@@ -155,9 +155,9 @@ impl CatalogKeeper {
             match woken {
                 Err(RecvTimeoutError::Disconnected) => return,
                 // A failed scan may have missed any folder, so everything is scanned again.
-                _ if !done => done = self.told(|| self.scan()),
+                _ if !done => done = self.run_scan(|| self.scan()),
                 // What did not begin has no folder.
-                Ok(folder) if folder.is_dir() => done = self.told(|| self.scan_again(folder)),
+                Ok(folder) if folder.is_dir() => done = self.run_scan(|| self.scan_again(folder)),
                 _ => (),
             }
         }

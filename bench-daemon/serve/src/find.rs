@@ -155,9 +155,9 @@ fn cells_of(folder: &Path, experiment: Option<&toml::Value>) -> Vec<RunCell> {
         Path::new(&path).file_stem()?.to_str().map(str::to_owned)
     };
     let specimen = experiment.and_then(|value| value.get("specimen"));
-    let told = |key| text(specimen?, key);
-    let name = told("name").or(index).or_else(file);
-    let serial = told("serial");
+    let stated = |key| text(specimen?, key);
+    let name = stated("name").or(index).or_else(file);
+    let serial = stated("serial");
     let one = |name| RunCell { name, serial };
     name.map(one).into_iter().collect()
 }

@@ -155,25 +155,25 @@ mod tests {
         for number in 0..10 {
             hub.tell("x", &number);
         }
-        let told = hub.after(hub.number("7-8").unwrap());
+        let news = hub.after(hub.number("7-8").unwrap());
         assert_eq!(
             (
-                told.events
+                news.events
                     .iter()
                     .map(|event| event.number)
                     .collect::<Vec<_>>(),
-                told.lost
+                news.lost
             ),
             (vec![9, 10], false)
         );
-        assert_eq!(told.events[1].data, "9");
+        assert_eq!(news.events[1].data, "9");
         for _ in 0..KEPT {
             hub.tell("x", &0);
         }
-        let told = hub.after(8);
+        let news = hub.after(8);
         assert!(
-            told.lost && told.events.len() == AT_ONCE && told.events[0].number == 11,
-            "{told:?}"
+            news.lost && news.events.len() == AT_ONCE && news.events[0].number == 11,
+            "{news:?}"
         );
         assert_eq!(hub.after(hub.latest()).events.len(), 0);
     }

@@ -275,10 +275,10 @@ mod tests {
         }
         jobs.write(&job(2, Some(9.0))).unwrap();
         for jobs in [jobs, Jobs::of(folder.path())] {
-            let told: Vec<_> = jobs.begun();
-            let told = told.iter().map(|one| (&*one.run, one.ended_unix_s));
+            let begun: Vec<_> = jobs.begun();
+            let runs = begun.iter().map(|one| (&*one.run, one.ended_unix_s));
             assert_eq!(
-                told.collect::<Vec<_>>(),
+                runs.collect::<Vec<_>>(),
                 [("demo-3", None), ("demo-2", Some(9.0)), ("demo-1", None)]
             );
             let read: Vec<u64> = jobs.latest().map(|job| job.item.id).collect();

@@ -79,12 +79,12 @@ pub async fn work(server: Arc<Server>) {
         wake.mark_unchanged();
         let mut fresh = seen.benches(&server, false);
         loop {
-            let told = server.hub.after(number);
-            let Some(last) = told.events.last() else {
+            let news = server.hub.after(number);
+            let Some(last) = news.events.last() else {
                 break;
             };
             number = last.number;
-            let runs = told.events.iter().filter(|event| event.kind == "run");
+            let runs = news.events.iter().filter(|event| event.kind == "run");
             fresh.extend(runs.filter_map(|event| ended(&server, &event.data)));
         }
         for notice in fresh {
@@ -224,7 +224,7 @@ struct Unread {
     since_s: f64,
     /// The states that were read, without the time.
     states: Vec<String>,
-    told: bool,
+    notified: bool,
 }
 
 impl Seen {
@@ -281,16 +281,16 @@ impl Seen {
         let begun = || Unread {
             since_s: now_s,
             states: states.clone(),
-            told: false,
+            notified: false,
         };
         let unread = self.unread.entry(bench.bench.clone()).or_insert_with(begun);
         if unread.states != states {
             *unread = begun();
         }
-        if unread.told || now_s - unread.since_s < SETTLED_S {
+        if unread.notified || now_s - unread.since_s < SETTLED_S {
             return None;
         }
-        unread.told = true;
+        unread.notified = true;
         let title = format!("{}: {}", bench.bench, bench.outputs.words);
         let text = format!(
             "Look at the bench, and switch it off: `{}` on its machine.",

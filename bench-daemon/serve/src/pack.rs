@@ -397,7 +397,7 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
     } else if let Some(wanted_degc) = load.temperature_degc {
         cautions.extend(temperature(wanted_degc, measured_degc));
     }
-    Ok(told(run, window, load.current_max_a, cautions))
+    Ok(build_reply(run, window, load.current_max_a, cautions))
 }
 
 /// Returns a remark if the requested temperature of the cells differs from that of the
@@ -416,7 +416,7 @@ fn temperature(wanted_degc: f64, measured_degc: Option<f64>) -> Option<String> {
 }
 
 /// Builds the reply; `window` is that of the pack.
-fn told(
+fn build_reply(
     run: Simulation,
     window: CellWindow,
     current_max_a: Option<f64>,

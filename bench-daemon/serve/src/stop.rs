@@ -245,22 +245,22 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
         );
     }
     // The last report counts: there are two if the run ended late.
-    let told = wording
+    let printed = wording
         .lines()
         .rev()
         .find_map(|line| serde_json::from_str::<SafeReport>(line).ok());
-    let words = told
+    let words = printed
         .as_ref()
-        .filter(|told| !told.verified)
-        .map(|told| format!("LOOK AT THE BENCH: {}", told.message));
-    if let Some(told) = &told {
-        report.message.clone_from(&told.message);
-        report.read.clone_from(&told.read);
-        report.read_unix_s = told.read_unix_s;
-        report.outputs = told.outputs.iter().map(OutputRead::from).collect();
+        .filter(|printed| !printed.verified)
+        .map(|printed| format!("LOOK AT THE BENCH: {}", printed.message));
+    if let Some(printed) = &printed {
+        report.message.clone_from(&printed.message);
+        report.read.clone_from(&printed.read);
+        report.read_unix_s = printed.read_unix_s;
+        report.outputs = printed.outputs.iter().map(OutputRead::from).collect();
     }
     report.verified = output.status.success()
-        && told.is_some_and(|told| told.verified && !told.outputs.is_empty());
+        && printed.is_some_and(|printed| printed.verified && !printed.outputs.is_empty());
     let last = String::from_utf8_lossy(&output.stderr)
         .lines()
         .last()

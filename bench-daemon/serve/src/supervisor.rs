@@ -110,7 +110,7 @@ struct SupervisedBench {
     watch: Option<(Option<String>, Watch)>,
     manifest: Vec<Identity>,
     stamps: Stamps,
-    told: (Live, f64),
+    reported: (Live, f64),
     /// Why no run begins until the server is restarted.
     restart: Option<String>,
 }
@@ -132,7 +132,7 @@ impl SupervisedBench {
             watch,
             manifest: Vec::new(),
             stamps: Stamps::new(),
-            told: (Live::default(), f64::NEG_INFINITY),
+            reported: (Live::default(), f64::NEG_INFINITY),
             restart: None,
         })
     }
@@ -382,21 +382,21 @@ impl SupervisedBench {
     fn tell(&mut self, server: &Server, going: bool) {
         let live = self.live(server, going);
         let now_s = server.clock.now_s();
-        let urgent = live.state != self.told.0.state
-            || live.stop != self.told.0.stop
-            || live.trip != self.told.0.trip
-            || live.question != self.told.0.question
-            || live.is_pausing() != self.told.0.is_pausing();
+        let urgent = live.state != self.reported.0.state
+            || live.stop != self.reported.0.stop
+            || live.trip != self.reported.0.trip
+            || live.question != self.reported.0.question
+            || live.is_pausing() != self.reported.0.is_pausing();
         // The trip that the first poll finds existed before this server.
-        if self.told.1.is_finite() && live.trip.is_some() && live.trip != self.told.0.trip {
+        if self.reported.1.is_finite() && live.trip.is_some() && live.trip != self.reported.0.trip {
             server.health.tripped(&self.bench.name);
         }
-        if live == self.told.0 || (!urgent && now_s - self.told.1 < TELL_S) {
+        if live == self.reported.0 || (!urgent && now_s - self.reported.1 < TELL_S) {
             return;
         }
         server.hub.tell("live", &live);
         server.live().insert(self.bench.name.clone(), live.clone());
-        self.told = (live, now_s);
+        self.reported = (live, now_s);
     }
 
     /// Returns whether a run has ended whose outputs were not read back as off, or whose outputs

@@ -144,7 +144,7 @@ struct Known {
     /// Time and current of the last reading of the current.
     current: Option<(f64, f64)>,
     bath_rows: Vec<BathRow>,
-    told: Told,
+    noted: Told,
 }
 
 /// Marks and pauses from the journal.
@@ -160,11 +160,11 @@ impl Known {
         // The journal is read before the readings, and may be ahead of them.
         if let Some(gain) = self.journal.look(&self.folder, JOURNAL) {
             if gain.anew {
-                self.told = Told::default();
+                self.noted = Told::default();
             }
             let lines = gain.text.lines().map(serde_json::from_str::<Line>);
             // A newer version may write entries that this one does not know.
-            lines.flatten().for_each(|line| self.told.take(&line));
+            lines.flatten().for_each(|line| self.noted.take(&line));
         }
         if let Some(gain) = self.bath.look(&self.folder, BATH) {
             if gain.anew {
@@ -426,8 +426,8 @@ impl Mark {
 
     /// Converts an event. Returns `None` for events that the bench reports at every step.
     fn of_event(row: &EventRow<'_>) -> Option<Self> {
-        let told = |kind: &Event| !matches!(kind, Event::Bench | Event::OutputOn);
-        let kind = row.kind.filter(told)?.label();
+        let is_mark = |kind: &Event| !matches!(kind, Event::Bench | Event::OutputOn);
+        let kind = row.kind.filter(is_mark)?.label();
         Some(Self::new(row.time_s, kind, row.text.trim_matches('"')))
     }
 }
@@ -443,8 +443,8 @@ impl Timelines {
         let end_s = readings.end_s;
         readings.bath = Bath::of(&known.bath_rows, part, most);
         readings.envelopes = latest(bounds(&envelopes, end_s, part));
-        readings.pauses = pauses(&known.told.pauses, end_s, part);
-        readings.marks = latest(marks(&known.told, &events, part));
+        readings.pauses = pauses(&known.noted.pauses, end_s, part);
+        readings.marks = latest(marks(&known.noted, &events, part));
         Some(readings)
     }
 }
@@ -555,13 +555,13 @@ fn pauses(all: &[Pause], end_s: f64, part: &Part) -> Vec<Pause> {
 }
 
 /// Marks of journal and events in a part of a run, by time.
-fn marks(told: &Told, events: &str, part: &Part) -> Vec<Mark> {
+fn marks(noted: &Told, events: &str, part: &Part) -> Vec<Mark> {
     let rows = events.lines().skip(1).filter_map(EventRow::parse);
     let mut marks: Vec<Mark> = rows
-        .filter(|row| part.has(row.time_s) && !told.has_request(row))
+        .filter(|row| part.has(row.time_s) && !noted.has_request(row))
         .filter_map(|row| Mark::of_event(&row))
         .collect();
-    let of_journal = told.marks.iter().filter(|mark| part.has(mark.time_s));
+    let of_journal = noted.marks.iter().filter(|mark| part.has(mark.time_s));
     marks.extend(of_journal.cloned());
     marks.sort_by(|one, other| one.time_s.total_cmp(&other.time_s));
     marks
@@ -701,7 +701,7 @@ mod tests {
             .unwrap()
     }
 
-    fn told(readings: &Readings) -> Vec<(f64, &str, &str)> {
+    fn marks_of(readings: &Readings) -> Vec<(f64, &str, &str)> {
         let marks = readings.marks.iter();
         marks
             .map(|mark| (mark.time_s, mark.kind, mark.text.as_str()))
@@ -824,7 +824,7 @@ mod tests {
             (30.0, PAUSE, "paused on request"),
             (40.0, GO_ON, "goes on on request"),
         ];
-        assert_eq!(told(&whole), expected);
+        assert_eq!(marks_of(&whole), expected);
         // A part in the middle of the run contains no marks.
         let part = read(&folder, 34.0, 36.0);
         assert!(part.marks.is_empty() && part.pauses.len() == 1);
@@ -843,9 +843,12 @@ mod tests {
             (50.0, "note", "odd"),
             (70.0, TRIP, "interlock: cell voltage 4.3 V left its limits"),
         ];
-        assert_eq!(told(&read(&folder, 0.0, 100.0)), expected);
+        assert_eq!(marks_of(&read(&folder, 0.0, 100.0)), expected);
         journal(&folder, vec![(70.0, ended("finished"))]);
-        assert_eq!(told(&read(&folder, 60.0, 100.0)), [(70.0, END, "finished")]);
+        assert_eq!(
+            marks_of(&read(&folder, 60.0, 100.0)),
+            [(70.0, END, "finished")]
+        );
     }
 
     #[test]

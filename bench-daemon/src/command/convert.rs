@@ -259,10 +259,10 @@ fn reasons(point: &ImpedancePoint, flagged: &[FlaggedPoint]) -> String {
 fn tell_left_out(spectrum: &Spectrum, flagged: &[FlaggedPoint], keeps_sigma: bool) {
     let name = &spectrum.name;
     if !flagged.is_empty() {
-        let (count, told) = (flagged.len(), refused_in_words(flagged));
+        let (count, refusals) = (flagged.len(), refused_in_words(flagged));
         remark!(
             "{name}: the quality gate refused {count} points, which this format cannot mark: \
-            {told}"
+            {refusals}"
         );
     }
     let has_sigma = spectrum

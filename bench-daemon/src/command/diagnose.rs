@@ -176,9 +176,10 @@ pub(crate) fn finished(
 /// its own models, each cell separately, and writes the results below its folder. Returns the
 /// outcome in words. A failed diagnosis does not affect the measured data.
 fn of_run(run: &Path, rc: usize) -> String {
-    let told = diagnose_run(run, rc)
+    let lines = diagnose_run(run, rc)
         .unwrap_or_else(|failure| vec![format!("could not be made: {failure}")]);
-    told.iter()
+    lines
+        .iter()
         .map(|line| format!("diagnosis:  {line}\n"))
         .collect()
 }
@@ -285,7 +286,7 @@ fn page(
         };
         format!(
             "{}{}",
-            judged.told(path),
+            judged.printed_path(path),
             sum.map_or_else(String::new, |sum| format!(", SHA-256 {sum}"))
         )
     };

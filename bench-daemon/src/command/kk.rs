@@ -168,10 +168,10 @@ fn read(args: &KkArgs) -> Result<Vec<(String, Vec<Spectrum>)>, Failure> {
         } in files::read_spectra(file)?
         {
             if !flagged.is_empty() {
-                let (name, told) = (&spectrum.name, refused_in_words(&flagged));
+                let (name, refusals) = (&spectrum.name, refused_in_words(&flagged));
                 remark!(
                     "{name}: the quality gate refused {} points, which are judged with the others: \
-                    {told}",
+                    {refusals}",
                     flagged.len()
                 );
             }

@@ -175,7 +175,7 @@ impl ModelArgs {
     }
 
     /// Returns the name of the model for messages.
-    pub(super) fn told(&self) -> String {
+    pub(super) fn display_name(&self) -> String {
         self.model
             .as_ref()
             .map_or_else(|| "--erm".to_owned(), |path| path.display().to_string())

@@ -69,7 +69,7 @@ fn slope_of_file(text: &str) -> Result<SlopeOfFile, String> {
 /// The slopes of files that arguments or run folders state; each run is named once.
 #[derive(Debug, Default)]
 pub struct KnownSlopes {
-    told: BTreeSet<PathBuf>,
+    reported: BTreeSet<PathBuf>,
 }
 
 impl KnownSlopes {
@@ -84,7 +84,7 @@ impl KnownSlopes {
         }
         let found = slope_of_spectrum(file)?;
         let SlopeAtRest { rest_v, slope } = found.at;
-        if self.told.insert(found.run.clone()) {
+        if self.reported.insert(found.run.clone()) {
             remark!(
                 "{}: slope of the open-circuit voltage {} ± {} µV/C, from [ocv] of its cell at \
                 {rest_v:.4} V",

@@ -110,7 +110,7 @@ fn start(args: &PackSimulateArgs, model: &GivenModel) -> Result<Start, Failure> 
         }),
         (None, Some(_), _) => Err(Failure::Usage(format!(
             "--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv",
-            args.model.told()
+            args.model.display_name()
         ))),
         _ => Err(Failure::Usage(
             "--ocv-v: expected a voltage above 0 V".to_owned(),
@@ -123,7 +123,7 @@ fn start_of_map(args: &PackSimulateArgs, model: &GivenModel) -> Result<Start, Fa
     let Some(curve) = &model.ocv else {
         return Err(Failure::Usage(format!(
             "--model: expected an OCV curve for a model with a map, {} has none",
-            args.model.told()
+            args.model.display_name()
         )));
     };
     let ocv = OcvSource::Curve(curve.clone());

@@ -219,7 +219,7 @@ fn dc_resistance(args: &SizeArgs) -> Result<(f64, Vec<String>), Failure> {
     let fail = |met: &str| {
         Failure::Usage(format!(
             "{}: expected a model {met}; give --dcir-ohm",
-            named.told()
+            named.display_name()
         ))
     };
     if !model.additions.is_empty() {

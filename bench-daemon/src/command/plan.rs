@@ -241,7 +241,7 @@ fn one_way(bench: &Bench) -> Option<String> {
 }
 
 /// Describes a plan.
-fn told(experiment: &Experiment, plan: &Plan) -> Told {
+fn describe_plan(experiment: &Experiment, plan: &Plan) -> Told {
     let stage = |stage: &bench_plan::plan::Stage| ToldStage {
         purpose: stage.purpose.to_string(),
         steps: stage
@@ -307,7 +307,7 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
         .check(&experiment)
         .map_err(Failure::Usage)?;
     if args.json {
-        return say_json(&told(&experiment, plan.plan()));
+        return say_json(&describe_plan(&experiment, plan.plan()));
     }
     say!(
         "{} on bench {} with {}",
@@ -340,7 +340,7 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
         hours(plan.plan().longest_s().0)
     );
     let [pause, end] = plan.plan().waits();
-    let told = |wait: Option<(&Step, Seconds, Seconds)>| {
+    let wait_text = |wait: Option<(&Step, Seconds, Seconds)>| {
         let text = |(step, about_s, longest_s): (&Step, Seconds, Seconds)| {
             format!(
                 "about {about_s:.0}, at most {longest_s:.0} ({})",
@@ -358,8 +358,8 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
         .for_each(|text| say!("{text}"));
     say!(
         "longest wait after `eis-bench pause`: {}; after `eis-bench abort`: {}",
-        told(pause),
-        told(end)
+        wait_text(pause),
+        wait_text(end)
     );
     Ok(())
 }

@@ -82,7 +82,7 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
             let mut session = Session::at(&experiment.bench, context.time_s(folder))?;
             let mut finished = session.go_on(&experiment, folder, context)?;
             diagnose::finished(&experiment, folder, &mut finished)?;
-            finished.told()
+            finished.summary_and_verdict()
         }
         (true, _) if context.inherited() => {
             return usage(
@@ -146,7 +146,7 @@ fn replay(
     replace(&scratch, folder)?;
     fs::remove_dir_all(&scratch)?;
     let (from, to) = (scratch.display().to_string(), folder.display().to_string());
-    let (summary, gated) = finished.told();
+    let (summary, gated) = finished.summary_and_verdict();
     Ok((summary.replace(&from, &to), gated))
 }
 

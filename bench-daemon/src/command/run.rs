@@ -51,7 +51,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     if args.json {
         let recommended = files::recommended_order(&folder);
         let there = |name: &str| Some(folder.join(name)).filter(|path| path.exists());
-        let told = serde_json::json!({
+        let summary = serde_json::json!({
             "folder": folder,
             "report": there(REPORT),
             "model": recommended.and_then(|rc| there(&run_folder::model(rc))),
@@ -59,7 +59,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
             "index": there(INDEX),
             "refused_points": finished.measured.refused(),
         });
-        say!("{told:#}");
+        say!("{summary:#}");
     } else {
         say!("{}", finished.summary.trim_end());
     }

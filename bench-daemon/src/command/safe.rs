@@ -100,7 +100,7 @@ fn safe_one(config: &Path, args: &SafeArgs) -> Result<(), Failure> {
         // If another process holds the connections, an unknown state does not latch the bench:
         // that process has been asked to end, and has a guardian.
         let latch = state.filter(|_| gone);
-        let states = States { told: state, latch };
+        let states = States { state, latch };
         let off = switch_off(&bench, &clock, states, args)
             .await
             .inspect_err(|_| {
@@ -118,7 +118,7 @@ fn safe_one(config: &Path, args: &SafeArgs) -> Result<(), Failure> {
             guarded(state, &clock).await;
             remark!("the process that ran the bench has ended by now; once more:");
             let states = States {
-                told: state,
+                state,
                 latch: state,
             };
             return switch_off(&bench, &clock, states, args).await.map(drop);
@@ -265,7 +265,7 @@ fn end(holder: &Holder, how: Signal) {
 #[derive(Clone, Copy)]
 struct States<'a> {
     /// Contains the limits of the cell.
-    told: Option<&'a State>,
+    state: Option<&'a State>,
     /// Is latched where something is not verified.
     latch: Option<&'a State>,
 }
@@ -287,7 +287,7 @@ async fn switch_off(
     let mut beside = Bench::unconnected(config, &connections)?;
     let (report, bath) = tokio::join!(
         bench.safe_state(),
-        beside.bath(states.told.and_then(last_cell_degc))
+        beside.bath(states.state.and_then(last_cell_degc))
     );
     let report = report.with_bath(bath);
     tell(&report, args.json);
@@ -300,7 +300,7 @@ async fn switch_off(
         report.bath.iter().for_each(|bath| say!("{bath}"));
     }
     if let Some(Err(error)) = states
-        .told
+        .state
         .map(|state| state.keep_readings(&report.readings(&args.by)))
     {
         remark!("eis-bench: what was read back is not kept: {error}");

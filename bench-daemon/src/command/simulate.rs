@@ -72,7 +72,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
 
 fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
     let file = args.model.read(args.ocv.as_deref())?;
-    let ocv = source_of_ocv(args, &file, &args.model.told())?;
+    let ocv = source_of_ocv(args, &file, &args.model.display_name())?;
     let pack = args.pack.pack()?;
     let model = files::sim_model(&file, ocv, pack, args.ambient_degc)?;
     if let Some(folder) = &args.out {
@@ -164,11 +164,11 @@ fn print_text(
     for output in outputs {
         say!("{}", case::sentence(output));
     }
-    let mut told: Vec<&String> = Vec::new();
+    let mut printed: Vec<&String> = Vec::new();
     for note in outputs.iter().flat_map(|output| &output.notes) {
-        if !told.contains(&note) {
+        if !printed.contains(&note) {
             say!("note: {note}");
-            told.push(note);
+            printed.push(note);
         }
     }
     say!("");

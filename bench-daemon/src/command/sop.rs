@@ -126,7 +126,7 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
         _ => {
             return Err(Failure::Usage(format!(
                 "--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv",
-                args.model.told()
+                args.model.display_name()
             )));
         }
     };

@@ -135,10 +135,10 @@ fn of_run(folder: &Path) -> Result<Verified, Failure> {
         }];
     }
     if verified.moved_files > 0 {
-        let told = moved_captures(folder).map_err(Failure::Usage)?;
+        let moved = moved_captures(folder).map_err(Failure::Usage)?;
         verified.notes.push(format!(
             "nothing was recomputed: {}",
-            told.unwrap_or_default()
+            moved.unwrap_or_default()
         ));
         verified.good = verified.altered.is_empty();
         return Ok(verified);
@@ -177,9 +177,9 @@ fn tell(verified: &Verified) {
             "{name}: the run was stopped ({how}): no report, no {SUMS}; only its captures can be \
             held against its journal"
         );
-        let told = counted(differing, "as in the journal", "differences");
+        let outcome = counted(differing, "as in the journal", "differences");
         say!(
-            "{name}: {} points recomputed from captures: {told}",
+            "{name}: {} points recomputed from captures: {outcome}",
             counts.points
         );
     } else if counts.files > 0 {
@@ -188,18 +188,18 @@ fn tell(verified: &Verified) {
         } else {
             format!("{differing} differences")
         };
-        let told = [
+        let kinds = [
             (counts.points, "points"),
             (counts.lines_of_multisines, "lines of multisines"),
             (counts.rows_of_traces, "rows of traces"),
         ];
-        let told: String = told
+        let parts: String = kinds
             .iter()
             .filter(|(count, _)| *count > 0)
             .map(|(count, of)| format!("{count} {of}, "))
             .collect();
         let files = counts.files;
-        say!("{name}: {told}{files} files recomputed from captures: {numbers}");
+        say!("{name}: {parts}{files} files recomputed from captures: {numbers}");
     }
     for file in &verified.as_read {
         say!(

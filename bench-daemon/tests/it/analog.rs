@@ -123,11 +123,11 @@ fn a_run_and_its_plan_never_tell_that_an_analog_supply_is_off() {
         .filter(|text| text.contains("the program cannot switch, limit or read it"))
         .collect();
     assert!(up.len() >= 3, "each stage that drives: {up:?}");
-    let told = program(&["plan".as_ref(), files.experiment().as_os_str()]);
+    let printed = program(&["plan".as_ref(), files.experiment().as_os_str()]);
     assert!(
-        told.stdout.contains("is not switched by the program"),
+        printed.stdout.contains("is not switched by the program"),
         "{}",
-        told.stdout
+        printed.stdout
     );
     let ran = files.run("run");
     assert_eq!(ran.code, Some(0), "{}", ran.stderr);

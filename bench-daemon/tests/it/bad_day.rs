@@ -144,7 +144,7 @@ fn every_bad_day_ends_finished_or_with_a_cause_in_safe_state() {
         for happened in &day.happened {
             *faults.entry(format!("{:?}", happened.fault)).or_default() += 1;
         }
-        let told = || {
+        let descriptions = || {
             day.happened.iter().map(|happened| {
                 format!(
                     "{:?} of {}: {}",
@@ -158,7 +158,7 @@ fn every_bad_day_ends_finished_or_with_a_cause_in_safe_state() {
                 day.ended,
                 day.wrong,
                 day.text,
-                told().collect::<Vec<_>>()
+                descriptions().collect::<Vec<_>>()
             ));
         }
     }

@@ -135,8 +135,11 @@ fn a_folder_may_hold_files_that_are_no_spectra() {
     std::fs::create_dir(&input).unwrap();
     long_form(&input.join("a.csv"), 2);
     std::fs::write(input.join("b.txt"), "no spectrum at all\n").unwrap();
-    let told = program(&["fit", text(&input), "--rc", "1", "--table", text(&table)]).ok();
-    assert!(told.starts_with("3 spectra; 1 without a result"), "{told}");
+    let summary = program(&["fit", text(&input), "--rc", "1", "--table", text(&table)]).ok();
+    assert!(
+        summary.starts_with("3 spectra; 1 without a result"),
+        "{summary}"
+    );
     let met = std::fs::read_to_string(&table).unwrap();
     assert!(met.contains("\nb.txt,"), "{met}");
 }
@@ -166,10 +169,10 @@ fn a_killed_call_goes_on_and_ends_as_if_it_had_not_been() {
     child.wait().unwrap();
     assert!(!killed.exists());
     let output = Ended::of(call(&killed).output().unwrap());
-    let told = output.stderr;
+    let message = output.stderr;
     assert!(
-        told.contains("were worked on by a call before this one"),
-        "{told}"
+        message.contains("were worked on by a call before this one"),
+        "{message}"
     );
     assert_eq!(
         std::fs::read(&whole).unwrap(),
@@ -188,19 +191,19 @@ fn parts_of_another_call_and_tables_that_are_there_are_left_alone() {
     let parts = at.join("out.csv.parts");
     std::fs::create_dir(&parts).unwrap();
     std::fs::write(parts.join("call.txt"), "fit of another kind").unwrap();
-    let told = program(&of("1")).refused();
+    let message = program(&of("1")).refused();
     assert!(
-        told.contains("the parts of `fit of another kind`"),
-        "{told}"
+        message.contains("the parts of `fit of another kind`"),
+        "{message}"
     );
     std::fs::remove_dir_all(&parts).unwrap();
     program(&of("1")).ok();
-    let told = program(&of("1")).refused();
-    assert!(told.contains("nothing is written over"), "{told}");
-    let told = program(&of("all")[..].iter().map(|a| a.trim()).collect::<Vec<_>>()).refused();
+    let message = program(&of("1")).refused();
+    assert!(message.contains("nothing is written over"), "{message}");
+    let message = program(&of("all")[..].iter().map(|a| a.trim()).collect::<Vec<_>>()).refused();
     assert!(
-        told.contains("--rc: expected one number or `auto`"),
-        "{told}"
+        message.contains("--rc: expected one number or `auto`"),
+        "{message}"
     );
 }
 
@@ -212,11 +215,11 @@ fn rows_of_a_spectrum_in_two_places_are_refused() {
     let mut whole = std::fs::read_to_string(&spectra).unwrap();
     whole += "cell 0,1000000,0.01,0,nobody\n";
     std::fs::write(&spectra, whole).unwrap();
-    let told = program(&["fit", text(&spectra), "--rc", "1", "--table", text(&table)]).refused();
+    let message = program(&["fit", text(&spectra), "--rc", "1", "--table", text(&table)]).refused();
     assert!(
-        told.contains("line 14: expected the rows of each spectrum one after another")
-            && told.contains("\"cell 0\" again"),
-        "{told}"
+        message.contains("line 14: expected the rows of each spectrum one after another")
+            && message.contains("\"cell 0\" again"),
+        "{message}"
     );
 }
 
@@ -226,8 +229,8 @@ fn pictures_are_drawn_where_they_are_asked_for() {
     let (spectra, table, out) = (at.join("in.csv"), at.join("out.csv"), at.join("pictures"));
     long_form(&spectra, 2);
     let call = ["fit", text(&spectra), "--rc", "1", "--table", text(&table)];
-    let told = program(&[call.as_slice(), &["--plots", "all"]].concat()).refused();
-    assert!(told.contains("--plots: expected --out"), "{told}");
+    let message = program(&[call.as_slice(), &["--plots", "all"]].concat()).refused();
+    assert!(message.contains("--plots: expected --out"), "{message}");
     program(&[call.as_slice(), &["--plots", "all", "--out", text(&out)]].concat()).ok();
     assert!(out.join("cell 1.svg").exists() && out.join("cell 1.png").exists());
 }
@@ -265,9 +268,9 @@ fn every_model_of_a_table_of_fits_carries_every_profile() {
     let (_kept, folder) = folder();
     let (spectra, fits) = (folder.join("spectra.csv"), folder.join("fits.parquet"));
     long_form(&spectra, 3);
-    let mut told = std::fs::read_to_string(&spectra).unwrap();
-    told += "broken,1,0.03,nonsense,nobody\n";
-    std::fs::write(&spectra, told).unwrap();
+    let mut content = std::fs::read_to_string(&spectra).unwrap();
+    content += "broken,1,0.03,nonsense,nobody\n";
+    std::fs::write(&spectra, content).unwrap();
     program(&[
         "fit",
         text(&spectra),
@@ -284,7 +287,7 @@ fn every_model_of_a_table_of_fits_carries_every_profile() {
     std::fs::write(profiles.join("a.csv"), "time_s,current_a\n0,10\n5,0\n6,0\n").unwrap();
     std::fs::write(profiles.join("b.csv"), "time_s,current_a\n0,50\n5,0\n6,0\n").unwrap();
     let table = folder.join("loads.csv");
-    let told = program(&[
+    let summary = program(&[
         "simulate",
         "--model",
         text(&fits),
@@ -298,8 +301,8 @@ fn every_model_of_a_table_of_fits_carries_every_profile() {
     ])
     .ok();
     assert!(
-        told.contains("8 simulations; 2 without a result, 3 with warnings"),
-        "{told}"
+        summary.contains("8 simulations; 2 without a result, 3 with warnings"),
+        "{summary}"
     );
     let found = rows(&table);
     assert_eq!(found.1.len(), 8);
@@ -343,7 +346,7 @@ fn data_sets_become_rows_of_their_held_out_runs() {
     std::fs::create_dir(&broken).unwrap();
     std::fs::write(broken.join("dataset.toml"), "name = 3\n").unwrap();
     let table = folder.join("gaps.csv");
-    let told = program(&[
+    let summary = program(&[
         "diagnose",
         text(&set),
         text(&folder),
@@ -352,7 +355,10 @@ fn data_sets_become_rows_of_their_held_out_runs() {
         text(&table),
     ])
     .ok();
-    assert!(told.contains("2 data sets; 1 without a result"), "{told}");
+    assert!(
+        summary.contains("2 data sets; 1 without a result"),
+        "{summary}"
+    );
     let found = rows(&table);
     assert_eq!(found.1.len(), 3);
     assert_eq!(

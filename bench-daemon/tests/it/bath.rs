@@ -28,8 +28,8 @@ fn files() -> Files {
 fn shown(files: &Files) -> Vec<(f64, f64)> {
     let transcript = files.text("run/transcripts/chiller.txt");
     let lines = transcript.lines().filter_map(|line| {
-        let (time, told) = (line.split(' ').next()?, line.split_once(" t=")?.1);
-        Some((time.parse().ok()?, told.parse::<f64>().ok()? / 1000.0))
+        let (time, reading) = (line.split(' ').next()?, line.split_once(" t=")?.1);
+        Some((time.parse().ok()?, reading.parse::<f64>().ok()? / 1000.0))
     });
     lines.collect()
 }

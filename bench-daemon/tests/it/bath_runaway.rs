@@ -228,8 +228,8 @@ fn a_bath_whose_temperature_was_not_read_is_never_said_to_hold_one() {
             "[simulation.quirks.chiller]\nbath_sensor = \"absent\"",
         );
     let ports = Ports::serve(&files, 10.0, 1);
-    let told = crate::support::ask(ports.address("chiller"), "{M140001\r");
-    assert_eq!(told, "{S140001");
+    let reply = crate::support::ask(ports.address("chiller"), "{M140001\r");
+    assert_eq!(reply, "{S140001");
     let safe = on_bench(&files, &["safe", "--json"]);
     safe.expect_code(6);
     let last: serde_json::Value = serde_json::from_str(&safe.stdout).unwrap();

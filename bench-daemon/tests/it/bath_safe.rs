@@ -93,14 +93,14 @@ fn safe_opens_the_relays_and_says_where_it_does_not_reach_them() {
     let words = "the relays of the bath (relay-thermostat) are not known to be open and it was not \
     reached; a pulse ends by itself within a minute: PULL \
                  THE PLUGS OF HEATER AND COOLER";
-    let told: serde_json::Value = serde_json::from_str(&safe.stdout).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&safe.stdout).unwrap();
     assert_eq!(
-        (&told["message"], &told["verified"]),
+        (&report["message"], &report["verified"]),
         (&words.into(), &false.into()),
-        "{told}"
+        "{report}"
     );
-    for output in told["outputs"].as_array().unwrap() {
-        assert_eq!(output["off"], output["role"] != "chiller", "{told}");
+    for output in report["outputs"].as_array().unwrap() {
+        assert_eq!(output["off"], output["role"] != "chiller", "{report}");
     }
     ports.assert_outputs_off();
 }
@@ -135,10 +135,10 @@ fn safe_leaves_a_bath_alone_that_the_cell_bears_and_stops_one_that_it_does_not()
     );
     let safe = on_bench(&files, &["safe", "--json"]);
     safe.expect_code(0);
-    let told: serde_json::Value = serde_json::from_str(&safe.stdout).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&safe.stdout).unwrap();
     assert_eq!(
-        told["bath"]["words"], "the bath (julabo) stands still; its set-point is 70 °C",
-        "{told}"
+        report["bath"]["words"], "the bath (julabo) stands still; its set-point is 70 °C",
+        "{report}"
     );
 }
 

@@ -126,7 +126,7 @@ fn where_both_processes_died_while_nothing_was_on_it_is_said_and_nobody_has_to_l
     let mut child = start(&files, &run, &[]);
     wait_for_points(&mut child, &run, ("spectrum.csv", 1));
     program(&["pause".as_ref(), run.as_os_str()]).expect_code(0);
-    told(&run, "\"entry\":\"paused\"");
+    wait_for_journal(&run, "\"entry\":\"paused\"");
     kill_both(&files, &mut child);
     let resumed = resume(&run, &[]);
     resumed.expect_code(0);
@@ -141,7 +141,7 @@ fn where_both_processes_died_while_nothing_was_on_it_is_said_and_nobody_has_to_l
     ports.assert_outputs_off();
 }
 
-fn told(run: &std::path::Path, text: &str) {
+fn wait_for_journal(run: &std::path::Path, text: &str) {
     poll(text, || {
         fs::read_to_string(run.join("journal.jsonl"))
             .ok()
@@ -216,7 +216,7 @@ fn paused(hand: Action, trip: &str) {
     let mut child = start(&files, &run, &[]);
     wait_for_points(&mut child, &run, ("spectrum.csv", 1));
     program(&["pause".as_ref(), run.as_os_str()]).expect_code(0);
-    told(&run, "\"entry\":\"paused\"");
+    wait_for_journal(&run, "\"entry\":\"paused\"");
     ports.world.lock().unwrap().act(0.0, hand);
     let (code, text) = end(child);
     assert_eq!(code, Some(5), "{text}");

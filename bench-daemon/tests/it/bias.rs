@@ -318,17 +318,17 @@ fn a_pause_under_a_direct_current_ends_it_and_the_charge_still_comes_back() {
     let ports = Ports::serve(&files, 4.0, 1);
     let run = files.path("run");
     let mut child = start(&files, &run);
-    let told = |text: &str| {
+    let wait_for_journal = |text: &str| {
         poll(text, || {
             fs::read_to_string(run.join("journal.jsonl"))
                 .ok()
                 .filter(|journal| journal.contains(text))
         })
     };
-    told("point  3");
+    wait_for_journal("point  3");
     assert!(ports.world.lock().unwrap().truth_current_a().abs() > 1.0);
     program(&["pause".as_ref(), run.as_os_str()]).expect_code(0);
-    told("\"entry\":\"paused\"");
+    wait_for_journal("\"entry\":\"paused\"");
     assert_eq!(ports.world.lock().unwrap().truth_current_a(), 0.0);
     program(&["go-on".as_ref(), run.as_os_str()]).expect_code(0);
     assert_eq!(child.0.wait().unwrap().code(), Some(0));

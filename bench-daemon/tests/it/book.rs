@@ -293,12 +293,12 @@ fn pages() -> Vec<String> {
 const PRELUDE: &str = r#"
 served=()
 until_ctrl_c() {
-    local told="served${#served[@]}.txt"
-    : > "$told"
-    "$@" > "$told" 2>&1 &
+    local printed="served${#served[@]}.txt"
+    : > "$printed"
+    "$@" > "$printed" 2>&1 &
     served+=($!)
-    until grep -q 127.0.0.1 "$told"; do
-        kill -0 $! || { cat "$told"; return 1; }
+    until grep -q 127.0.0.1 "$printed"; do
+        kill -0 $! || { cat "$printed"; return 1; }
         sleep 0.1
     done
 }

@@ -35,13 +35,13 @@ fn a_campaign_that_asks_for_it_ends_with_a_diagnosis_of_each_cell() {
         let folder = run.join("diagnosis").join(cell);
         let diagnosis = json(&folder.join("diagnosis.json"));
         assert!(diagnosis["verdict"].is_string(), "{diagnosis}");
-        let told = format!(
+        let line = format!(
             "diagnosis:  cell {cell}: {}; ",
             diagnosis["summary"].as_str().unwrap()
         );
         assert!(
-            finished.summary.contains(&told),
-            "expected {told:?} in {}",
+            finished.summary.contains(&line),
+            "expected {line:?} in {}",
             finished.summary
         );
         let page = fs::read_to_string(folder.join("diagnosis.html")).unwrap();
@@ -204,7 +204,7 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
         );
         program(&all).expect_code(0);
     };
-    let told = |text: &str| {
+    let wait_for_journal = |text: &str| {
         poll(text, || {
             fs::read_to_string(run.join("journal.jsonl"))
                 .ok()
@@ -225,7 +225,7 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
     ]);
     rows("A_1.csv");
     say(&["pause"]);
-    told("\"entry\":\"paused\"");
+    wait_for_journal("\"entry\":\"paused\"");
     assert_eq!(
         ports.world.lock().unwrap().truth_current_a(),
         0.0,
@@ -277,7 +277,7 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
         told_order.stdout
     );
     say(&["go-on"]);
-    told("\"entry\":\"gone_on\"");
+    wait_for_journal("\"entry\":\"gone_on\"");
     rows("B_2.csv");
     say(&["abort"]);
     assert_eq!(child.0.wait().unwrap().code(), Some(130));

@@ -159,8 +159,8 @@ fn what_does_not_count_is_left_out(lab: &Lab, of_r: &Value) {
         .expect_code(0);
     let words = ["campaign", "report", "AT/db.sqlite", "batch"];
     let both = [&words[..], &["--and", "AT/others.sqlite"]].concat();
-    let told = lab.ask(&[&both[..], &["--json"]].concat());
-    let report: Value = serde_json::from_str(&told.expect_code(0).stdout).unwrap();
+    let asked = lab.ask(&[&both[..], &["--json"]].concat());
+    let report: Value = serde_json::from_str(&asked.expect_code(0).stdout).unwrap();
     let left_out = |why: &str| json!({ "why": why, "runs": 1 });
     let expected = [
         left_out("damaged"),
@@ -172,13 +172,13 @@ fn what_does_not_count_is_left_out(lab: &Lab, of_r: &Value) {
         (&json!(expected), &json!(10))
     );
     assert_eq!(named(&report["quantities"], "name", "R"), of_r);
-    let told = lab.ask(&both).expect_code(0).stdout.clone();
-    assert!(told.contains("  left out: 1 runs, failed\n"), "{told}");
+    let text = lab.ask(&both).expect_code(0).stdout.clone();
+    assert!(text.contains("  left out: 1 runs, failed\n"), "{text}");
     let none = lab.ask(&["campaign", "report", "AT/others.sqlite", "other"]);
-    let told = none.expect_code(2).message();
+    let message = none.expect_code(2).message();
     assert!(
-        told.contains("expected finished runs of the experiment \"other\""),
-        "{told}"
+        message.contains("expected finished runs of the experiment \"other\""),
+        "{message}"
     );
 }
 
@@ -188,8 +188,8 @@ fn a_campaign_that_cannot_be_is_refused_with_file_and_field() {
     let refused = |text: &str, expected: &str| {
         fs::write(lab.files.path("batch.toml"), text).unwrap();
         let file = lab.files.path("batch.toml");
-        let told = program(&["campaign".as_ref(), "plan".as_ref(), file.as_os_str()]);
-        assert!(told.stderr.contains(expected), "{}", told.stderr);
+        let ended = program(&["campaign".as_ref(), "plan".as_ref(), file.as_os_str()]);
+        assert!(ended.stderr.contains(expected), "{}", ended.stderr);
     };
     let bench = "[[benches]]\nname = \"b0\"\n";
     let head = format!("name = \"batch\"\nexperiment = \"{EXPERIMENT}\"\n");

@@ -89,21 +89,21 @@ fn a_run_of_a_certain_cell_tells_which_it_was() {
         .expect_code(0)
         .stdout
         .clone();
-    for told in [
+    for expected in [
         "cell        A-17 (P45B-17); type Molicel P45B; batch 2026-03; barcode 0417 8821; maker Molicel",
         "; chemistry NCA / graphite-silicon; term https://vocabulary.example/battery#cylindrical\n",
         "\nseed        1\n",
         "\nconfig      ",
         "\ninstrument  scope  ",
     ] {
-        assert!(words.contains(told), "{told}: {words}");
+        assert!(words.contains(expected), "{expected}: {words}");
     }
     let refused = at
         .files
         .edit(EXPERIMENT, "0417 8821", "  ")
         .run("runs/second");
-    let told = "specimen.barcode: expected 1 to 200 characters in one line";
-    assert!(refused.stderr.contains(told), "{}", refused.stderr);
+    let expected = "specimen.barcode: expected 1 to 200 characters in one line";
+    assert!(refused.stderr.contains(expected), "{}", refused.stderr);
 }
 
 #[test]
@@ -212,9 +212,9 @@ fn cells_of_one_name_and_several_serial_numbers_have_no_ageing_together() {
     let at = Cataloged { files };
     at.ask(&["scan", "DB", "RUNS"]).expect_code(0);
     let words = ["ageing", "DB", "--cell", "A"];
-    let told = at.ask(&words).expect_code(2).message().to_owned();
+    let message = at.ask(&words).expect_code(2).message().to_owned();
     let expected = "--serial: expected one of \"S-1\", \"S-2\", for these cells have the same name";
-    assert!(told.contains(expected), "{told}");
+    assert!(message.contains(expected), "{message}");
     let ageing = at.json(&[&words[..], &["--serial", "S-2"]].concat());
     assert_eq!(ageing["points"][0]["name"], "second");
     assert_eq!(ageing["points"].as_array().unwrap().len(), 1);
@@ -245,27 +245,27 @@ fn a_catalogue_that_is_deleted_and_built_again_says_the_same() {
 fn what_is_wrong_is_told_with_what_was_expected() {
     let at = Cataloged::new();
     let message = |words: &[&str]| at.ask(words).expect_code(2).message().to_owned();
-    let told = message(&["find", "OUT/none.sqlite"]);
+    let error = message(&["find", "OUT/none.sqlite"]);
     assert!(
-        told.contains("none.sqlite: expected a catalogue, found no file"),
-        "{told}"
+        error.contains("none.sqlite: expected a catalogue, found no file"),
+        "{error}"
     );
-    let told = message(&["show", "DB", "third"]);
-    assert!(told.contains("run: expected the identity"), "{told}");
-    let told = message(&["find", "DB", "--after", "x"]);
+    let error = message(&["show", "DB", "third"]);
+    assert!(error.contains("run: expected the identity"), "{error}");
+    let error = message(&["find", "DB", "--after", "x"]);
     assert!(
-        told.contains("after: expected the `after` of an answer before"),
-        "{told}"
+        error.contains("after: expected the `after` of an answer before"),
+        "{error}"
     );
-    let told = message(&["ageing", "DB", "--cell", "none"]);
+    let error = message(&["ageing", "DB", "--cell", "none"]);
     assert!(
-        told.contains("--cell: expected a cell with fitted models"),
-        "{told}"
+        error.contains("--cell: expected a cell with fitted models"),
+        "{error}"
     );
-    let told = message(&["ageing", "DB", "--cell", "Molicel P45B", "--rc", "7"]);
+    let error = message(&["ageing", "DB", "--cell", "Molicel P45B", "--rc", "7"]);
     assert!(
-        told.contains("--rc: expected a number of RC pairs"),
-        "{told}"
+        error.contains("--rc: expected a number of RC pairs"),
+        "{error}"
     );
     let words = [
         "ageing",
@@ -275,12 +275,12 @@ fn what_is_wrong_is_told_with_what_was_expected() {
         "--verdict",
         "failed",
     ];
-    let told = message(&words);
-    assert!(told.contains("--cell: expected a cell with"), "{told}");
-    let told = message(&["scan", "DB", "OUT/nowhere"]);
+    let error = message(&words);
+    assert!(error.contains("--cell: expected a cell with"), "{error}");
+    let error = message(&["scan", "DB", "OUT/nowhere"]);
     assert!(
-        told.contains("nowhere: expected a folder to scan"),
-        "{told}"
+        error.contains("nowhere: expected a folder to scan"),
+        "{error}"
     );
     fs::write(
         at.path("catalog.sqlite"),
@@ -327,9 +327,9 @@ fn a_server_keeps_the_catalogue_of_its_own_runs() {
     let shown = served.get(&format!("/catalog/runs/{run}"));
     assert_eq!(shown["run"], found);
     assert_eq!(shown["fits"][0]["file"], "model_1rc.json");
-    let told = served.ask("GET", "/api/v1/catalog/runs/none", ("", ""));
-    let told = told.expect(404).text();
-    assert!(told.contains("found 0 for \\\"none\\\""), "{told}");
+    let reply = served.ask("GET", "/api/v1/catalog/runs/none", ("", ""));
+    let message = reply.expect(404).text();
+    assert!(message.contains("found 0 for \\\"none\\\""), "{message}");
     let fits = served.get("/catalog/fits?cell=Molicel%20P45B&verdict=good");
     assert_eq!(
         (&fits["fits"], &fits["after"]),
@@ -349,7 +349,7 @@ fn a_server_keeps_the_catalogue_of_its_own_runs() {
         ("most=0", "most: expected 1"),
     ] {
         let path = format!("/api/v1/catalog/runs?{query}");
-        let told = served.ask("GET", &path, ("", "")).expect(400).text();
-        assert!(told.contains(expected), "{told}");
+        let message = served.ask("GET", &path, ("", "")).expect(400).text();
+        assert!(message.contains(expected), "{message}");
     }
 }

@@ -168,13 +168,13 @@ fn a_mistake_is_told_with_its_file_and_field() {
     let (file, bench) = (text(&files.path(EXPERIMENT)), text(&files.path(BENCH)));
     let (code, out, err) = program(&["config", "check", &file, &bench, "--json"]).parts();
     assert!(code == 2 && err.contains("1 of 2 files are wrong"), "{err}");
-    let told: Value = serde_json::from_str(&out).unwrap();
-    let mistake = told[0]["mistake"].as_str().unwrap();
+    let report: Value = serde_json::from_str(&out).unwrap();
+    let mistake = report[0]["mistake"].as_str().unwrap();
     assert!(
         mistake.contains("demo.toml") && mistake.contains("expected a current with its unit"),
         "{mistake}"
     );
-    assert!(told[1]["mistake"].is_null() && told[1]["kind"] == "bench");
+    assert!(report[1]["mistake"].is_null() && report[1]["kind"] == "bench");
     let (code, out, _) =
         program(&["config", "check", &text(&files.path("cells/p45b.toml"))]).parts();
     assert!(
@@ -225,10 +225,12 @@ fn a_run_its_plan_its_replay_and_its_check_are_told_as_json() {
     assert_eq!(replayed[0]["spectra"], replayed[0]["identical_spectra"]);
     let report = Path::new(&out).join("report.html");
     fs::write(&report, "altered").unwrap();
-    let (code, told, _) = program(&["verify", &out, "--json"]).parts();
-    let told: Value = serde_json::from_str(&told).unwrap();
+    let (code, stdout, _) = program(&["verify", &out, "--json"]).parts();
+    let answer: Value = serde_json::from_str(&stdout).unwrap();
     assert!(
-        code == 10 && told[0]["good"] == false && told[0]["altered"][0]["file"] == "report.html"
+        code == 10
+            && answer[0]["good"] == false
+            && answer[0]["altered"][0]["file"] == "report.html"
     );
 }
 

@@ -66,9 +66,9 @@ fn a_campaign_of_more_cells_than_the_simulated_bench_has_is_refused_before_anyth
     let folder = altered("experiments/demo.toml", "[fit]", &format!("{cells}\n[fit]"));
     let path = folder.path().join("experiments/demo.toml");
     let message = load_experiment(&path, None).unwrap_err().to_string();
-    let told = "expected at most 1 cell, the number of the simulated bench (specimens.count of ";
+    let limit = "expected at most 1 cell, the number of the simulated bench (specimens.count of ";
     assert!(
-        message.contains("campaign.cells: ") && message.contains(told),
+        message.contains("campaign.cells: ") && message.contains(limit),
         "{message}"
     );
     assert!(

@@ -33,24 +33,26 @@ fn a_real_file_of_another_program_goes_through_every_format() {
         ("biologic", "gamry.mpt"),
         ("zview", "gamry.z"),
     ] {
-        let (code, message) = program(&["convert", &source, "--to", to, "--out", &out(to)]).told();
+        let (code, message) =
+            program(&["convert", &source, "--to", to, "--out", &out(to)]).outcome();
         assert_eq!(code, 0, "{message}");
         assert_eq!(numbers(&format!("{}/{file}", out(to))), expected, "{to}");
-        let (code, message) = program(&["convert", &source, "--to", to, "--out", &out(to)]).told();
+        let (code, message) =
+            program(&["convert", &source, "--to", to, "--out", &out(to)]).outcome();
         assert!(
             code == 2 && message.contains("expected no such file, found one"),
             "{message}"
         );
     }
     // Any command that reads a spectrum accepts them.
-    let (code, message) = program(&["fit", &source, "--rc", "1", "--json"]).told();
+    let (code, message) = program(&["fit", &source, "--rc", "1", "--json"]).outcome();
     assert!(
         code == 0 && message.contains("\"rc\": 1"),
         "{code} {message}"
     );
     // No relaxation fits an inductive one.
     let inductive = fixture("spectra/vendors/autolab.txt");
-    let (code, message) = program(&["fit", &inductive, "--rc", "1", "--json"]).told();
+    let (code, message) = program(&["fit", &inductive, "--rc", "1", "--json"]).outcome();
     let refused = "autolab: no model with 1 RC: R1 is at its lower bound of 0.000001 Ω";
     assert!(code == 2 && message.contains(refused), "{code} {message}");
 }
@@ -70,7 +72,8 @@ fn spectra_become_bdf_with_their_metadata_and_come_back() {
         ("bdf-csv", "biologic.bdf.csv"),
         ("bdf-parquet", "biologic.bdf.parquet"),
     ] {
-        let (code, message) = program(&["convert", &source, "--to", to, "--out", &out(to)]).told();
+        let (code, message) =
+            program(&["convert", &source, "--to", to, "--out", &out(to)]).outcome();
         assert_eq!(code, 0, "{message}");
         let written = format!("{}/{file}", out(to));
         assert_eq!(points(&written), expected, "{to}");
@@ -82,7 +85,8 @@ fn spectra_become_bdf_with_their_metadata_and_come_back() {
         );
         // Once more, from BDF.
         let again = out(&format!("{to}-again"));
-        let (code, message) = program(&["convert", &written, "--to", to, "--out", &again]).told();
+        let (code, message) =
+            program(&["convert", &written, "--to", to, "--out", &again]).outcome();
         assert_eq!(code, 0, "{message}");
         assert_eq!(points(&format!("{again}/{file}")), expected, "{to}");
     }
@@ -113,7 +117,7 @@ fn spectra_become_bdf_with_their_metadata_and_come_back() {
         "--out",
         &both,
     ])
-    .told();
+    .outcome();
     assert_eq!(code, 0, "{message}");
     assert_eq!(
         points(&format!("{both}/log.bdf.csv")).1.len(),
@@ -132,7 +136,7 @@ fn spectra_become_bdf_with_their_metadata_and_come_back() {
         "--out",
         &both,
     ])
-    .told();
+    .outcome();
     assert!(
         code == 2 && message.contains("log.csv, line 2, column 2 (z_re_ohm)"),
         "{message}"
@@ -151,7 +155,7 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
         "--out",
         &out("fit"),
     ])
-    .told();
+    .outcome();
     assert_eq!(code, 0, "{message}");
     let model = fs::read_dir(out("fit"))
         .unwrap()
@@ -160,7 +164,7 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
         .find(|p| p.to_string_lossy().ends_with("model_1rc.json"))
         .unwrap();
     let model = model.display().to_string();
-    let (code, message) = program(&["convert", &model, "--to", "c", "--out", &out("c")]).told();
+    let (code, message) = program(&["convert", &model, "--to", "c", "--out", &out("c")]).outcome();
     assert!(
         code == 2
             && message
@@ -184,7 +188,7 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
             "--capacity-ah",
             "4.5",
         ])
-        .told();
+        .outcome();
         let text = fs::read_to_string(format!("{}/{ending}", out(to))).unwrap();
         assert!(
             code == 0 && text.contains("16200") | (to == "pybamm"),
@@ -207,7 +211,7 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
         "--capacity-ah",
         "4.5",
     ];
-    let (code, message) = program(&[&["convert", &model], &flat[..]].concat()).told();
+    let (code, message) = program(&[&["convert", &model], &flat[..]].concat()).outcome();
     assert!(
         code == 2 && message.contains("--ocv-v: expected a curve (--ocv) for --to model"),
         "{message}"
@@ -253,7 +257,8 @@ fn exported_captures_give_the_impedance_that_is_in_them() {
     let toml = folder.path().join("capture.toml");
     fs::write(&toml, &description).unwrap();
     let out = folder.path().join("out").display().to_string();
-    let (code, message) = program(&["replay", &toml.display().to_string(), "--out", &out]).told();
+    let (code, message) =
+        program(&["replay", &toml.display().to_string(), "--out", &out]).outcome();
     assert!(
         code == 0 && message.contains("2 captures of a cell"),
         "{code} {message}"
@@ -292,7 +297,7 @@ fn exported_captures_give_the_impedance_that_is_in_them() {
         ),
     ] {
         fs::write(&toml, description.replacen(from, to, 1)).unwrap();
-        let (code, message) = program(&["replay", &toml.display().to_string()]).told();
+        let (code, message) = program(&["replay", &toml.display().to_string()]).outcome();
         assert!(code == 2 && message.contains(expected), "{code} {message}");
     }
 }
@@ -315,19 +320,19 @@ fn several_sweeps_of_a_file_are_told_and_never_made_one() {
     }
     fs::write(&file, text).unwrap();
     let file = file.display().to_string();
-    let told = "three.mpt: 3 spectra, separated where the frequency starts again (line 33 and 1 \
+    let notice = "three.mpt: 3 spectra, separated where the frequency starts again (line 33 and 1 \
     more): \
                 three.mpt#loop1 (29 points), three.mpt#loop2 (29 points), three.mpt#loop3 (29 \
                 points)";
-    let (code, message) = program(&["fit", &file, "--rc", "1"]).told();
+    let (code, message) = program(&["fit", &file, "--rc", "1"]).outcome();
     assert!(
         code == 0
-            && message.contains(told)
+            && message.contains(notice)
             && message.contains("three.mpt#loop3: 1 spectrum, 29 points"),
         "{code} {message}"
     );
-    let (code, message) = program(&["kk", &file]).told();
-    assert!(code == 0 && message.contains(told), "{code} {message}");
+    let (code, message) = program(&["kk", &file]).outcome();
+    assert!(code == 0 && message.contains(notice), "{code} {message}");
     let out = folder.path().join("out");
     let (code, message) = program(&[
         "convert",
@@ -337,9 +342,9 @@ fn several_sweeps_of_a_file_are_told_and_never_made_one() {
         "--out",
         &out.display().to_string(),
     ])
-    .told();
+    .outcome();
     assert!(
-        code == 0 && message.contains(told) && out.join("three.mpt#loop2.csv").exists(),
+        code == 0 && message.contains(notice) && out.join("three.mpt#loop2.csv").exists(),
         "{code} {message}"
     );
 }
@@ -367,15 +372,15 @@ fn two_curves_of_one_measurement_are_told_and_not_pooled() {
     }
     fs::write(&file, text).unwrap();
     let file = file.display().to_string();
-    let (code, message) = program(&["fit", &file, "--rc", "1"]).told();
-    let told = "two curves of one measurement, with and without correction of its drift";
+    let (code, message) = program(&["fit", &file, "--rc", "1"]).outcome();
+    let notice = "two curves of one measurement, with and without correction of its drift";
     assert!(
         code == 0
-            && message.contains(told)
+            && message.contains(notice)
             && message.contains("drift.dta#uncorrected: 1 spectrum, 20 points"),
         "{code} {message}"
     );
-    let (code, message) = program(&["fit", &file, "--rc", "1", "--pool"]).told();
+    let (code, message) = program(&["fit", &file, "--rc", "1", "--pool"]).outcome();
     assert!(
         code == 2
             && message.contains(
@@ -409,7 +414,8 @@ fn uncertainties_are_kept_where_the_target_has_a_place() {
         ("impedance-py", "cell.csv"),
         ("table-csv", "spectra.csv"),
     ] {
-        let (code, message) = program(&["convert", &source, "--to", to, "--out", &out(to)]).told();
+        let (code, message) =
+            program(&["convert", &source, "--to", to, "--out", &out(to)]).outcome();
         assert_eq!(code, 0, "{message}");
         let path = format!("{}/{written}", out(to));
         assert_eq!(points(&path), [1e-11, 0.0], "{to}");
@@ -420,7 +426,7 @@ fn uncertainties_are_kept_where_the_target_has_a_place() {
     assert_eq!(back[0].shared[0].name, "gain");
     assert_eq!(back[0].shared[0].at_ohm[1].re, 2e-6);
     let (code, message) =
-        program(&["convert", &source, "--to", "gamry", "--out", &out("g")]).told();
+        program(&["convert", &source, "--to", "gamry", "--out", &out("g")]).outcome();
     assert!(
         code == 0 && message.contains("no place for the uncertainties"),
         "{message}"
@@ -436,10 +442,10 @@ fn uncertainties_are_kept_where_the_target_has_a_place() {
         "--out",
         &out("t"),
     ])
-    .told();
+    .outcome();
     assert!(code == 0 && message.contains("2 spectra"), "{message}");
     let long = out("t") + "/spectra.parquet";
-    let (code, message) = program(&["fit", &long, "--rc", "1", "--table", &table]).told();
+    let (code, message) = program(&["fit", &long, "--rc", "1", "--table", &table]).outcome();
     assert_eq!(code, 0, "{message}");
     assert_eq!(fs::read_to_string(&table).unwrap().lines().count(), 3);
     let twice = [
@@ -451,7 +457,7 @@ fn uncertainties_are_kept_where_the_target_has_a_place() {
         "--out",
         &out("u"),
     ];
-    let (code, message) = program(&twice).told();
+    let (code, message) = program(&twice).outcome();
     assert!(
         code == 2 && message.contains("another name for each spectrum"),
         "{message}"
@@ -472,7 +478,7 @@ fn harmonics_of_a_run_become_the_columns_of_nleis() {
         fs::write(&table, text).unwrap();
         let (table, out) = (table.to_str().unwrap(), out.to_str().unwrap());
         program(&["convert", table, "--to", "nleis", "--out", out])
-            .told()
+            .outcome()
             .1
     };
     let written = convert(&format!("{head}\n{rows}"));

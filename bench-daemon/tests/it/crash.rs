@@ -345,12 +345,12 @@ fn crash(
         "{drill}: {guarded}"
     );
     let before = rows(&run);
-    let told = |text: &str| {
+    let journal_contains = |text: &str| {
         fs::read_to_string(run.join("journal.jsonl"))
             .unwrap_or_default()
             .contains(text)
     };
-    if !told("\"started\"") {
+    if !journal_contains("\"started\"") {
         let refused = resume(&run, &[]);
         refused.expect_code(2);
         assert!(
@@ -365,7 +365,7 @@ fn crash(
         );
     }
     let mut became = "was finished";
-    if !told("{\"ended\":{\"how\":\"finished\"}}") {
+    if !journal_contains("{\"ended\":{\"how\":\"finished\"}}") {
         became = "went on";
         let again = command(&["resume".as_ref(), run.as_os_str()]);
         let twice =
@@ -373,7 +373,7 @@ fn crash(
         if twice {
             became = "died again, went on";
         }
-        if !told("{\"ended\":{\"how\":\"finished\"}}") {
+        if !journal_contains("{\"ended\":{\"how\":\"finished\"}}") {
             finish(&run, drill, fate);
         }
         let after = rows(&run);

@@ -134,14 +134,14 @@ fn a_diagnosis_of_proposed_data_sets_is_that_of_the_data_sets_of_a_person() {
             "--json",
         ]);
         diagnosis.expect_code(0);
-        let told: Value = serde_json::from_str(&diagnosis.stdout).unwrap();
-        assert_eq!(told["verdict"], "unexplained");
+        let report: Value = serde_json::from_str(&diagnosis.stdout).unwrap();
+        assert_eq!(report["verdict"], "unexplained");
         // The gaps of the model file equal those with the data set of a person.
-        for (gap, expected_mv) in told["gap"].as_array().unwrap().iter().zip(known.gaps_mv) {
+        for (gap, expected_mv) in report["gap"].as_array().unwrap().iter().zip(known.gaps_mv) {
             let met_mv = gap["eis_only_with_edges_mv"].as_f64().unwrap();
             assert!((met_mv / expected_mv - 1.0).abs() < 0.03, "{gap}");
         }
-        assert_eq!(told["gap"].as_array().unwrap().len(), 2);
+        assert_eq!(report["gap"].as_array().unwrap().len(), 2);
     }
 }
 
@@ -244,11 +244,11 @@ fn a_log_without_a_temperature_is_written_with_the_key_as_a_comment() {
     let (log, target) = (log.to_str().unwrap(), out.to_str().unwrap());
     let words = ["dataset", "init", log, "--out", target];
     let lacking = program(&words);
-    let told = lacking.stderr;
-    assert_eq!(lacking.code, Some(2), "{told}");
+    let message = lacking.stderr;
+    assert_eq!(lacking.code, Some(2), "{message}");
     assert!(
-        told.contains("`temperature_c` of 2 runs (--temperature-c C)"),
-        "{told}"
+        message.contains("`temperature_c` of 2 runs (--temperature-c C)"),
+        "{message}"
     );
     let text = std::fs::read_to_string(out.join("dataset.toml")).unwrap();
     assert_eq!(
@@ -270,18 +270,18 @@ fn a_log_without_a_temperature_is_written_with_the_key_as_a_comment() {
     let diagnose = [&["diagnose", target][..], &given].concat();
     for command in [vec!["dataset", "check", target], diagnose] {
         let refused = program(&command);
-        let told = refused.stderr;
-        assert_eq!(refused.code, Some(2), "{told}");
-        assert!(told.contains("temperature_c"), "{command:?}: {told}");
+        let message = refused.stderr;
+        assert_eq!(refused.code, Some(2), "{message}");
+        assert!(message.contains("temperature_c"), "{command:?}: {message}");
     }
     // The unchanged file is written over.
     let stated = program(&[&words[..], &["--temperature-c", "25"]].concat());
     stated.expect_code(0);
     let checked = program(&["dataset", "check", target]);
-    let told = checked.stdout;
+    let summary = checked.stdout;
     assert!(
-        told.contains("2 runs: 2 in time, 0 spectra"),
-        "{told}{}",
+        summary.contains("2 runs: 2 in time, 0 spectra"),
+        "{summary}{}",
         checked.stderr
     );
 }
@@ -349,10 +349,10 @@ fn the_head_gives_capacity_and_temperature_and_an_option_overrides_them() {
         "25",
     ];
     let made = program(&[&words[..], &more].concat());
-    let told = made.stdout;
+    let summary = made.stdout;
     assert!(
-        told.contains("the capacity 5 Ah is used, and the head of the file has 2.5 Ah"),
-        "{told}"
+        summary.contains("the capacity 5 Ah is used, and the head of the file has 2.5 Ah"),
+        "{summary}"
     );
     let set = read_dataset(&other).unwrap().set;
     assert!(set.runs.iter().all(|run| run.temperature_degc == 25.0));
@@ -406,6 +406,6 @@ fn an_hppc_with_forty_seconds_of_rest_gives_its_pulses() {
     // It names its own curve and model, so that a verdict needs nothing else.
     let diagnosis = program(&["diagnose", out.to_str().unwrap(), "--json"]);
     diagnosis.expect_code(0);
-    let told: Value = serde_json::from_str(&diagnosis.stdout).unwrap();
-    assert!(told["verdict"].is_string(), "{told}");
+    let report: Value = serde_json::from_str(&diagnosis.stdout).unwrap();
+    assert!(report["verdict"].is_string(), "{report}");
 }

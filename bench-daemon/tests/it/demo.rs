@@ -66,8 +66,8 @@ fn run_here(seed: u64) -> (Finished, tempfile::TempDir) {
 fn the_run_folder_is_complete_and_everything_in_it_is_readable() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
-    let told = run_program(&run, &[]);
-    assert_recommended(&run, &told.stdout);
+    let ended = run_program(&run, &[]);
+    assert_recommended(&run, &ended.stdout);
     assert_spectra(&run);
     assert_captures(&run);
     assert_models(&run);
@@ -216,11 +216,11 @@ fn assert_models(run: &Path) {
 
 /// Asserts that the model of the simulated cell is recommended, in the run and in a later fit of
 /// its spectrum, which uses the slope of the open-circuit voltage as the run does.
-fn assert_recommended(run: &Path, told: &str) {
+fn assert_recommended(run: &Path, text: &str) {
     let order = json(&run.join("order.json"));
     assert_eq!(order["recommended"], 4);
     for part in ["\n→ 4 RC: R 6.4", "\n  3 RC: R ", "\nrecommended: 4 RC: "] {
-        assert!(told.contains(part), "{part}: {told}");
+        assert!(text.contains(part), "{part}: {text}");
     }
     let report = fs::read_to_string(run.join("report.html")).unwrap();
     assert!(report.contains("4 (recommended)"));

@@ -229,33 +229,33 @@ fn many_spectra_are_one_table_with_uncertainties_and_a_recommendation() {
     let file = folder.path().join("five.csv");
     std::fs::write(&file, lines.join("\n")).unwrap();
     let output = program(&["fit", file.to_str().unwrap()]);
-    let told = output.stdout;
-    assert!(output.code == Some(0), "{told}");
-    let table: Vec<&str> = told.lines().take(7).collect();
+    let text = output.stdout;
+    assert!(output.code == Some(0), "{text}");
+    let table: Vec<&str> = text.lines().take(7).collect();
     assert!(
         table[0].starts_with("5 groups of spectra, objective complex"),
-        "{told}"
+        "{text}"
     );
     assert!(
         table[1].contains("R / mΩ") && table[1].contains("DC resistance / mΩ"),
-        "{told}"
+        "{text}"
     );
-    assert!(table[2..].iter().all(|row| row.contains(" ± ")), "{told}");
-    assert_eq!(told.matches("recommended for all: ").count(), 1, "{told}");
-    assert!(!told.contains("given"), "{told}");
-    assert!(told.lines().count() < 25, "{told}");
-    // One of them is told in full, with the choice and what was not given.
+    assert!(table[2..].iter().all(|row| row.contains(" ± ")), "{text}");
+    assert_eq!(text.matches("recommended for all: ").count(), 1, "{text}");
+    assert!(!text.contains("given"), "{text}");
+    assert!(text.lines().count() < 25, "{text}");
+    // One of them is printed in full, with the choice and what was not given.
     let is_first = |line: &&str| !line.starts_with("cell,") || line.starts_with("cell,0,");
     let one: Vec<&str> = lines.into_iter().filter(is_first).collect();
     std::fs::write(&file, one.join("\n")).unwrap();
     let output = program(&["fit", file.to_str().unwrap()]);
-    let told = output.stdout;
+    let text = output.stdout;
     assert!(
-        told.contains("no slope was given: prior ") && !told.contains("(given "),
-        "{told}"
+        text.contains("no slope was given: prior ") && !text.contains("(given "),
+        "{text}"
     );
-    assert!(told.contains("recommended: "), "{told}");
-    let fit = told
+    assert!(text.contains("recommended: "), "{text}");
+    let fit = text
         .lines()
         .find(|line| line.contains(" RC: objective "))
         .unwrap();

@@ -139,13 +139,13 @@ fn a_known_slope_of_the_open_circuit_voltage_is_taken_out_before_a_circuit_is_fi
             .map(|(v, e)| (v / e - 1.0).abs())
             .fold(0.0, f64::max)
     };
-    let (taken_out, told) = values(&["--ocv-slope", "2e-4"]);
+    let (taken_out, warnings) = values(&["--ocv-slope", "2e-4"]);
     assert!(off(&taken_out) < 1e-6, "{taken_out:?}");
-    assert!(told.contains("dU/dQ 200 ± 6.00 µV/C"), "{told}");
-    let (left, told) = values(&[]);
+    assert!(warnings.contains("dU/dQ 200 ± 6.00 µV/C"), "{warnings}");
+    let (left, warnings) = values(&[]);
     assert!(
-        off(&left) > 0.02 && !told.contains("dU/dQ"),
-        "{left:?} {told}"
+        off(&left) > 0.02 && !warnings.contains("dU/dQ"),
+        "{left:?} {warnings}"
     );
     assert!(
         refusal(&file, &["--circuit", "R0-p(R1,C1)", "--ocv-slope", "fit"])

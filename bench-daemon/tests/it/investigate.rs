@@ -617,12 +617,12 @@ fn nothing_hidden_ends_at_the_floor_and_what_is_hidden_is_found() {
             .iter()
             .map(|effect| effect.name)
             .collect();
-        let told = line(case, *score, investigation);
-        assert!(case.names.iter().all(|name| named.contains(name)), "{told}");
+        let text = line(case, *score, investigation);
+        assert!(case.names.iter().all(|name| named.contains(name)), "{text}");
         assert_eq!(
             investigation.end == End::AtNoiseFloor,
             case.names.is_empty(),
-            "{told}"
+            "{text}"
         );
     }
 }

@@ -120,7 +120,7 @@ const ROLES: [&str; 5] = ["supply4q", "generator", "scope", "load", "logger"];
 #[ignore = "drill"]
 fn a_fault_of_the_wire_in_a_sweep_ends_in_a_finished_right_spectrum() {
     let count: usize = std::env::var("EIS_BENCH_PASSING").map_or(5, |count| count.parse().unwrap());
-    let (mut told, mut worst, mut faults) = (0, 0.0_f64, std::collections::BTreeMap::new());
+    let (mut resumed, mut worst, mut faults) = (0, 0.0_f64, std::collections::BTreeMap::new());
     for number in 0..count {
         let (fault, role) = (PASSING[number % 5], ROLES[(number + number / 5) % 5]);
         // Within the sweep of the cell, which lasts from 9 s to 25 s.
@@ -147,7 +147,7 @@ fn a_fault_of_the_wire_in_a_sweep_ends_in_a_finished_right_spectrum() {
             "{fault} of {role} from {from}: {:?}",
             lived.points
         );
-        told += usize::from(
+        resumed += usize::from(
             files
                 .text("run/report.html")
                 .contains("went on by itself (1 of 5 for faults that pass) after: "),
@@ -155,12 +155,12 @@ fn a_fault_of_the_wire_in_a_sweep_ends_in_a_finished_right_spectrum() {
         *faults.entry(fault).or_insert(0) += 1;
     }
     println!(
-        "{count} faults of the wire {faults:?}: all finished, {told} went on by themselves, worst \
-        point {:.3} % off",
+        "{count} faults of the wire {faults:?}: all finished, {resumed} went on by themselves, \
+        worst point {:.3} % off",
         100.0 * worst
     );
     // Faults that the link corrects automatically are not reported; the others are.
-    assert!(told >= count / 3, "{told}");
+    assert!(resumed >= count / 3, "{resumed}");
 }
 
 #[test]

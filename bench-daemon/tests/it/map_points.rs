@@ -87,13 +87,13 @@ fn the_plan_has_charge_temperature_margins_and_duration_of_each_point() {
     has("point 4: charge pulse of 4.5 A left out");
     assert!(!text.contains("note: point 2: "), "{text}");
     let experiment = example();
-    let told = program(&[
+    let ended = program(&[
         "plan".as_ref(),
         experiment.experiment().as_os_str(),
         "--json".as_ref(),
     ]);
-    let told: serde_json::Value = serde_json::from_str(&told.stdout).unwrap();
-    let rows = told["points"].as_array().unwrap();
+    let plan: serde_json::Value = serde_json::from_str(&ended.stdout).unwrap();
+    let rows = plan["points"].as_array().unwrap();
     assert_eq!(rows.len(), 6);
     assert_eq!(
         (&rows[4]["soc"], &rows[4]["temperature_c"]),

@@ -370,12 +370,12 @@ fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
 #[ignore = "drill"]
 fn clocks_that_differ_are_told_and_refused_when_they_differ_much() {
     let with = |ppm: f64| one_branch(&format!("[drives]\ngenerator_clock_ppm = {ppm}"));
-    let told = run(&with(30.0));
+    let finished = run(&with(30.0));
     assert!(
-        told.summary.contains("the generator's clock runs +30.")
-            && told.summary.contains(" ppm against the scope's"),
+        finished.summary.contains("the generator's clock runs +30.")
+            && finished.summary.contains(" ppm against the scope's"),
         "{}",
-        told.summary
+        finished.summary
     );
     let files = with(500.0);
     let refused = run_experiment(&files.load(), &files.path("run"))

@@ -160,14 +160,14 @@ fn a_run_is_the_same_whatever_a_collector_does() {
         let ended = run_to(&files, name, &environment);
         ended.expect_code(0);
         assert_eq!(files.text(&format!("{name}/SHA256SUMS")), plain, "{name}");
-        let told = &ended.stderr;
+        let message = &ended.stderr;
         match name {
-            "hangs" | "absent" => assert!(told.contains("spans were not taken"), "{told}"),
+            "hangs" | "absent" => assert!(message.contains("spans were not taken"), "{message}"),
             "odd" => assert!(
-                told.contains(
+                message.contains(
                     "note: telemetry is off: OTEL_EXPORTER_OTLP_ENDPOINT: expected an address"
                 ),
-                "{told}"
+                "{message}"
             ),
             _ => {}
         }

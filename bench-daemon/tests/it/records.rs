@@ -74,7 +74,7 @@ fn every_conversation_of_a_run_can_be_played_again_with_the_blocks_of_its_captur
 fn the_program_serves_a_record_and_ends_with_the_first_difference() {
     let records =
         std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/transcripts");
-    for (last, code, told) in [
+    for (last, code, expected) in [
         ("MOFF", 0, "13 of 13 messages were as recorded"),
         ("MON", 2, "message 11: expected `MOFF`, met `MON`"),
     ] {
@@ -132,6 +132,6 @@ fn the_program_serves_a_record_and_ends_with_the_first_difference() {
             .read_to_string(&mut error)
             .unwrap();
         assert_eq!(child.wait().unwrap().code(), Some(code), "{rest}{error}");
-        assert!(format!("{rest}{error}").contains(told), "{rest}{error}");
+        assert!(format!("{rest}{error}").contains(expected), "{rest}{error}");
     }
 }

@@ -17,7 +17,7 @@ fn small_run(files: &Files) -> PathBuf {
 fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
     let files = Files::short(5);
     let run = small_run(&files);
-    let (code, text) = program(&["verify", run.to_str().unwrap()]).told();
+    let (code, text) = program(&["verify", run.to_str().unwrap()]).outcome();
     assert!(
         code == 0 && text.contains("all as they were") && text.contains("every number as stored"),
         "{code} {text}"
@@ -29,7 +29,7 @@ fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
         out.to_str().unwrap(),
         run.to_str().unwrap(),
     ])
-    .told();
+    .outcome();
     assert_eq!(code, 0, "{text}");
     assert!(
         text.contains("bit by bit: 15 of 15") && text.contains("spectra bit-identical: 1 of 1"),
@@ -56,7 +56,7 @@ fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
         out.to_str().unwrap(),
         run.to_str().unwrap(),
     ])
-    .told();
+    .outcome();
     assert!(
         code == 2 && text.contains("expected a new or empty folder"),
         "{code} {text}"
@@ -107,7 +107,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
     )
     .unwrap();
     sums::write(&run).unwrap();
-    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).outcome();
     assert_eq!(code, 10, "{message}");
     assert!(
         message.contains(&format!(
@@ -116,7 +116,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
         )),
         "{message}"
     );
-    let (code, message) = program(&["replay", run.to_str().unwrap()]).told();
+    let (code, message) = program(&["replay", run.to_str().unwrap()]).outcome();
     assert_eq!(code, 0, "{message}");
     assert!(
         message.contains("spectrum.csv: changed; 5 points stored, 5 now; |ΔZ|/σ at most "),
@@ -133,7 +133,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
     capture.meta.channels[3].scale.volts_per_code *= 1.01;
     dataset::write_capture(&captures[0], &capture).unwrap();
     sums::write(&run).unwrap();
-    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).outcome();
     assert!(
         code == 10
             && message
@@ -145,7 +145,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
             && message.contains("model_1rc.json: "),
         "{message}"
     );
-    let (_, message) = program(&["replay", run.to_str().unwrap()]).told();
+    let (_, message) = program(&["replay", run.to_str().unwrap()]).outcome();
     assert!(
         message.contains("bit by bit: 14 of 15")
             && message.contains("spectra bit-identical: 0 of 1"),
@@ -156,7 +156,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
 #[test]
 fn a_folder_without_a_run_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let (code, message) = program(&["replay", folder.path().to_str().unwrap()]).told();
+    let (code, message) = program(&["replay", folder.path().to_str().unwrap()]).outcome();
     assert!(
         code == 2
             && message.contains(
@@ -185,7 +185,7 @@ fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_aga
             .status
             .success()
     );
-    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).outcome();
     assert_eq!(code, 0, "{message}");
     for text in [
         "the run was stopped (ended early: ",
@@ -194,7 +194,7 @@ fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_aga
     ] {
         assert!(message.contains(text), "{text}: {message}");
     }
-    let (code, message) = program(&["replay", run.to_str().unwrap()]).told();
+    let (code, message) = program(&["replay", run.to_str().unwrap()]).outcome();
     assert_eq!(code, 0, "{message}");
     assert!(
         message.contains("bit by bit: 12 of 12")
@@ -218,7 +218,7 @@ fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_v
     let name = experiment.file_name().unwrap();
     let words = ["run".as_ref(), name, "--out".as_ref(), run.as_os_str()];
     program_in(folder, &words).ok();
-    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).outcome();
     assert!(
         code == 0 && message.contains("every number as stored"),
         "{code} {message}"
@@ -247,7 +247,7 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
                   periods = 10\nsettle = \"5 s\"\n";
     let files = Files::short(2).append(crate::support::EXPERIMENT, traces);
     let run = small_run(&files);
-    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).outcome();
     assert!(
         code == 0 && message.contains("every number as stored"),
         "{code} {message}"
@@ -258,7 +258,7 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
         "{message}"
     );
     assert!(!message.contains("only its hash was checked"), "{message}");
-    let (code, message) = program(&["replay", run.to_str().unwrap()]).told();
+    let (code, message) = program(&["replay", run.to_str().unwrap()]).outcome();
     assert!(
         code == 0
             && message.contains("spectra bit-identical: 2 of 2")
@@ -267,7 +267,7 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
     );
 
     // One capture of each kind with other contents, and hashes that match it.
-    for (capture, told) in [
+    for (capture, differences) in [
         (
             "multisine_1/band1",
             [
@@ -296,9 +296,9 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
         altered.meta.channels[3].scale.volts_per_code *= 1.001;
         dataset::write_capture(&path, &altered).unwrap();
         sums::write(&run).unwrap();
-        let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
+        let (code, message) = program(&["verify", run.to_str().unwrap()]).outcome();
         assert!(
-            code == 10 && told.iter().all(|told| message.contains(told)),
+            code == 10 && differences.iter().all(|one| message.contains(one)),
             "{capture}: {code} {message}"
         );
         fs::write(&path, was).unwrap();

@@ -270,11 +270,11 @@ fn what_is_too_large_too_slow_or_meant_for_somebody_else_is_refused() {
             },
         )
     };
-    let told = |status: u16, code: &str| (status, code.to_owned());
+    let refusal = |status: u16, code: &str| (status, code.to_owned());
     // A body with a large declared size, and a large body without a declared size.
     assert_eq!(
         code(head("Connection: close\r\nContent-Length: 5000\r\n").as_bytes()),
-        told(413, "too_large")
+        refusal(413, "too_large")
     );
     let chunk = format!(
         "{}1000\r\n{}\r\n1000\r\n{}\r\n0\r\n\r\n",
@@ -282,11 +282,11 @@ fn what_is_too_large_too_slow_or_meant_for_somebody_else_is_refused() {
         "x".repeat(4096),
         "x".repeat(4096)
     );
-    assert_eq!(code(chunk.as_bytes()), told(413, "too_large"));
+    assert_eq!(code(chunk.as_bytes()), refusal(413, "too_large"));
     // A body that does not come to its end, and a head that does not.
     assert_eq!(
         code(format!("{}{{", head("Connection: close\r\nContent-Length: 100\r\n")).as_bytes()),
-        told(408, "too_slow")
+        refusal(408, "too_slow")
     );
     let mut slow = served.connect();
     slow.write_all(b"GET /api/v1/benches HTTP/1.1\r\nHost: ")
@@ -304,7 +304,7 @@ fn what_is_too_large_too_slow_or_meant_for_somebody_else_is_refused() {
         "GET /{} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n",
         "a".repeat(3000)
     );
-    assert_eq!(code(long.as_bytes()), told(400, "bad_request"));
+    assert_eq!(code(long.as_bytes()), refusal(400, "bad_request"));
     let many = format!(
         "GET / HTTP/1.1\r\nHost: {host}\r\nX: {}\r\n\r\n",
         "a".repeat(40_000)
@@ -320,8 +320,8 @@ fn what_is_too_large_too_slow_or_meant_for_somebody_else_is_refused() {
         "GET / HTTP/1.1\r\nHost: {host}\r\n{}\r\n",
         "X: a\r\n".repeat(200)
     );
-    assert_eq!(code(lines.as_bytes()), told(431, "head_too_large"));
-    assert_eq!(code(b"GET / nonsense\r\n\r\n"), told(400, "bad_request"));
+    assert_eq!(code(lines.as_bytes()), refusal(431, "head_too_large"));
+    assert_eq!(code(b"GET / nonsense\r\n\r\n"), refusal(400, "bad_request"));
     // Another name for this machine, a page of elsewhere, a form of elsewhere.
     let get = |host: &str, more: &str| {
         code(
@@ -331,24 +331,24 @@ fn what_is_too_large_too_slow_or_meant_for_somebody_else_is_refused() {
             .as_bytes(),
         )
     };
-    assert_eq!(get("evil.example", ""), told(403, "other_host"));
+    assert_eq!(get("evil.example", ""), refusal(403, "other_host"));
     assert_eq!(
         get(host, "Origin: http://evil.example\r\n"),
-        told(403, "other_origin")
+        refusal(403, "other_origin")
     );
     assert_eq!(get(host, &format!("Origin: http://{host}\r\n")).0, 200);
     let form = format!(
         "POST /api/v1/queue HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\
         Content-Type: text/plain\r\nContent-Length: 2\r\n\r\n{{}}"
     );
-    assert_eq!(code(form.as_bytes()), told(415, "not_json"));
+    assert_eq!(code(form.as_bytes()), refusal(415, "not_json"));
     // A path that does not exist, and one that exists for another method.
     assert_eq!(
         code(
             format!("GET /api/v1/none HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n")
                 .as_bytes()
         ),
-        told(404, "not_found")
+        refusal(404, "not_found")
     );
     let other = served.ask("PUT", "/api/v1/queue", ("", ""));
     assert!(

@@ -114,8 +114,8 @@ fn a_person_answers_from_elsewhere_and_the_wrong_cell_is_refused() {
         program(&words)
     };
     done(None).expect_code(2);
-    let told = done(Some(&number));
-    assert!(told.stdout.contains("is taken"), "{}", told.stdout);
+    let accepted = done(Some(&number));
+    assert!(accepted.stdout.contains("is taken"), "{}", accepted.stdout);
     let ended = poll("the end", || {
         let now = served.get(&format!("/runs/{run}"));
         now["job"]["ended"].is_object().then_some(now)

@@ -177,7 +177,7 @@ fn a_campaign_is_a_table_of_cells_and_repeats() {
     let matrix = served.get("/runs/demo-1/campaign");
     assert_eq!(matrix["cells"], json!([{ "name": "A", "serial": "S-1" }]));
     let runs = matrix["runs"].as_array().unwrap();
-    let told: Vec<_> = runs
+    let states: Vec<_> = runs
         .iter()
         .map(|run| {
             (
@@ -186,7 +186,7 @@ fn a_campaign_is_a_table_of_cells_and_repeats() {
             )
         })
         .collect();
-    assert_eq!(told, [("done", "spectra/A_1"), ("done", "spectra/A_2")]);
+    assert_eq!(states, [("done", "spectra/A_1"), ("done", "spectra/A_2")]);
     poll("both spectra in the catalogue", || {
         let answer = served.ask("GET", "/api/v1/catalog/spectra?cell=A", ("", ""));
         let spectra = (answer.status == 200).then(|| answer.json())?;
@@ -238,22 +238,25 @@ fn a_draft_says_what_it_would_do_or_which_field_is_wrong() {
     assert_eq!((&again["value"], &again["plan"]), (&value, &draft["plan"]));
     let mut wrong = value;
     wrong["eis"]["amplitude"] = json!("100 A");
-    let told = served
+    let checked = served
         .post(drafts, &json!({ "value": wrong }).to_string())
         .expect(200)
         .json();
-    assert_eq!(told["mistakes"][0]["field"], "eis.amplitude");
+    assert_eq!(checked["mistakes"][0]["field"], "eis.amplitude");
     assert_eq!(
-        told["mistakes"][0]["message"],
+        checked["mistakes"][0]["message"],
         "expected 0.01 A to 13.5 A, found 100 A"
     );
-    assert_eq!(told["plan"], Value::Null);
-    let told = served
+    assert_eq!(checked["plan"], Value::Null);
+    let checked = served
         .post(drafts, &json!({ "text": "name = " }).to_string())
         .expect(200)
         .json();
     assert_eq!(
-        (&told["value"], told["mistakes"].as_array().unwrap().len()),
+        (
+            &checked["value"],
+            checked["mistakes"].as_array().unwrap().len()
+        ),
         (&Value::Null, 1)
     );
     served.post(drafts, "{}").expect(422);
@@ -584,19 +587,19 @@ fn a_run_of_a_map_brings_its_map_to_the_pack_and_to_the_catalogue() {
     };
     let mut lowest_v = Vec::new();
     for (degc, words) in [(Some(25.0), "25"), (Some(-5.0), "-5"), (None, "25")] {
-        let (page, told) = (load(degc), command(words));
+        let (page, printed) = (load(degc), command(words));
         for (own, other) in [
             ("lowest_v", "min_ccv_v"),
             ("highest_v", "max_ccv_v"),
             ("heat_j", "heat_j"),
             ("highest_a", "peak_current_a"),
         ] {
-            assert_eq!(page[own], told[other], "{words}: {own}");
+            assert_eq!(page[own], printed[other], "{words}: {own}");
         }
         let cautions = page["cautions"].to_string();
         let outside =
             "leaves the range in which the map was measured by up to 0.000 of charge and 30.1 K";
-        for notes in [cautions, told["notes"].to_string()] {
+        for notes in [cautions, printed["notes"].to_string()] {
             assert_eq!(notes.contains(outside), degc == Some(-5.0), "{notes}");
         }
         lowest_v.push(number(&page["lowest_v"]));
@@ -798,13 +801,13 @@ fn a_file_of_another_program_is_read_to_be_compared_and_not_kept() {
     for name in names {
         let path = vendors.join(name);
         let bytes = fs::read(&path).unwrap();
-        let told = send_file(&served, &bytes_of(name), &bytes)
+        let reply = send_file(&served, &bytes_of(name), &bytes)
             .expect(200)
             .json();
         let expected = formats::read_file(&path).unwrap();
-        let notes = told["notes"].as_array().unwrap();
+        let notes = reply["notes"].as_array().unwrap();
         assert_eq!(notes.len(), expected.notes.len(), "{name}: {notes:?}");
-        let spectra = told["spectra"].as_array().unwrap();
+        let spectra = reply["spectra"].as_array().unwrap();
         assert_eq!(spectra.len(), expected.spectra.len(), "{name}");
         for (one, expected) in spectra.iter().zip(&expected.spectra) {
             assert_eq!(one["name"], json!(expected.spectrum.name));

@@ -104,11 +104,12 @@ fn ends_and_trips_are_told_by_webhook_and_by_mail() {
         "the rest of the address may be a secret"
     );
     submit(&served, r#"{"experiment":"demo"}"#);
-    let told: Vec<Value> = (0..2).map(|_| hooks.recv().unwrap()).collect();
+    let notices: Vec<Value> = (0..2).map(|_| hooks.recv().unwrap()).collect();
     let about = |word: &str| {
-        told.iter()
+        notices
+            .iter()
             .find(|one| one["about"] == word)
-            .unwrap_or_else(|| panic!("{told:?}"))
+            .unwrap_or_else(|| panic!("{notices:?}"))
     };
     assert_eq!(
         (&about("trip")["bench"], &about("trip")["title"]),

@@ -84,8 +84,8 @@ fn a_band_out_of_reach_is_flagged_or_ends_the_run_as_the_file_says() {
         ),
         "{summary}"
     );
-    let told = json(&two.path("run/campaign.json"));
-    for run in told["runs"].as_array().unwrap() {
+    let report = json(&two.path("run/campaign.json"));
+    for run in report["runs"].as_array().unwrap() {
         assert!(
             run["soc_missed"] == true
                 && run["notes"][0]

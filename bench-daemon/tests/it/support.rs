@@ -218,7 +218,7 @@ impl Ports {
             .with_faults(faults);
         let world = simulation.world().clone();
         let (stop, stopped) = tokio::sync::oneshot::channel();
-        let (tell, told) = mpsc::channel();
+        let (tell, receiver) = mpsc::channel();
         let thread = std::thread::spawn(move || {
             Clock::runtime(mode).unwrap().block_on(async {
                 let clock = Clock::start(mode);
@@ -236,7 +236,7 @@ impl Ports {
                 let _ = stopped.await;
             });
         });
-        let addresses: Vec<(&'static str, String)> = told.recv().unwrap();
+        let addresses: Vec<(&'static str, String)> = receiver.recv().unwrap();
         let mut text = files
             .text(BENCH)
             .replace("[simulation]", &format!("[simulation]\ntime = \"{mode}\""));

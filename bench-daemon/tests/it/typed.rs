@@ -13,14 +13,14 @@ const PLAIN: &str = r#"{"r_ohm": 0.00643, "branches": [{"r_ohm": 0.00151, "c_f":
 
 #[track_caller]
 fn done(folder: &Path, arguments: &[&str]) -> String {
-    let (code, message) = program_in(folder, arguments).told();
+    let (code, message) = program_in(folder, arguments).outcome();
     assert_eq!(code, 0, "{arguments:?}: {message}");
     message
 }
 
 #[track_caller]
 fn refused(folder: &Path, arguments: &[&str]) -> String {
-    let (code, message) = program_in(folder, arguments).told();
+    let (code, message) = program_in(folder, arguments).outcome();
     assert_eq!(code, 2, "{arguments:?}: {message}");
     message
 }
@@ -97,7 +97,7 @@ fn near(value: &Value, expected: f64, tolerance: f64) {
 #[test]
 fn simulate_takes_a_model_in_each_way_and_invents_no_uncertainty() {
     let folder = folder();
-    let mut told = Vec::new();
+    let mut answers = Vec::new();
     for (way, dc_ohm) in WAYS.iter().zip(DC_OHM) {
         let found = answer(
             folder.path(),
@@ -120,9 +120,9 @@ fn simulate_takes_a_model_in_each_way_and_invents_no_uncertainty() {
             found["min_ccv_sigma_v"].is_null() && found["band"].is_null(),
             "{found}"
         );
-        told.push(found);
+        answers.push(found);
     }
-    let notes = |k: usize| told[k]["notes"].to_string();
+    let notes = |k: usize| answers[k]["notes"].to_string();
     assert!(
         notes(0).contains("it has no uncertainty") && notes(1).contains("it has no uncertainty"),
         "{}",
@@ -140,8 +140,8 @@ fn simulate_takes_a_model_in_each_way_and_invents_no_uncertainty() {
         notes(2)
     );
     near(
-        &told[1]["min_ccv_v"],
-        told[0]["min_ccv_v"].as_f64().unwrap(),
+        &answers[1]["min_ccv_v"],
+        answers[0]["min_ccv_v"].as_f64().unwrap(),
         1e-9,
     );
     let text = done(

@@ -134,7 +134,7 @@ impl Ended {
     }
 
     /// Returns the exit code, and the output with the message.
-    pub(crate) fn told(self) -> (i32, String) {
+    pub(crate) fn outcome(self) -> (i32, String) {
         (self.code.unwrap(), self.stdout + &self.stderr)
     }
 

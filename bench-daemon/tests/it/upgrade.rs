@@ -145,23 +145,23 @@ fn run_folders_of_every_version_are_verified_and_their_results_read() {
         let run = files.path("data/runs/demo-1");
         // Every file is as it was written, and every number comes out again. Reports and pictures are
         // drawn by the program that verifies.
-        let told = program(&["verify".as_ref(), run.as_os_str()]).stdout;
+        let text = program(&["verify".as_ref(), run.as_os_str()]).stdout;
         assert!(
-            told.contains("against SHA256SUMS: all as they were"),
-            "{told}"
+            text.contains("against SHA256SUMS: all as they were"),
+            "{text}"
         );
-        let differ = told.lines().filter(|line| line.starts_with("  "));
+        let differ = text.lines().filter(|line| line.starts_with("  "));
         for line in differ {
             let drawn = ["  report.html:", "  plots/"];
             let is_new = line.ends_with("the version that wrote the folder did not write it");
             assert!(
                 is_new || drawn.iter().any(|name| line.starts_with(name)),
-                "{told}"
+                "{text}"
             );
         }
         let model = run.join("model_1rc.json");
-        let told: Value = serde_json::from_str(&fs::read_to_string(&model).unwrap()).unwrap();
-        assert_eq!(told["program"], format!("eis-bench {version}"));
+        let stored: Value = serde_json::from_str(&fs::read_to_string(&model).unwrap()).unwrap();
+        assert_eq!(stored["program"], format!("eis-bench {version}"));
         let pack = "pack size --series 16 --parallel 3 --ocv-v 3.6 --model";
         let mut words: Vec<&OsStr> = pack.split(' ').map(OsStr::new).collect();
         words.push(model.as_os_str());
@@ -219,9 +219,9 @@ fn the_data_folder_of_every_version_is_served_with_all_that_people_left_in_it() 
         assert!(!trail.contains("is not as it was written"), "{trail}");
     }
     // The program under test has the version that the test assumes.
-    let told = command(&["--version"]).output().unwrap();
+    let printed = command(&["--version"]).output().unwrap();
     assert_eq!(
-        String::from_utf8_lossy(&told.stdout).trim(),
+        String::from_utf8_lossy(&printed.stdout).trim(),
         format!("eis-bench {THIS}")
     );
 }

@@ -13,7 +13,7 @@ struct Told {
     files: Files,
 }
 
-fn told(files: Files) -> Told {
+fn run_result(files: Files) -> Told {
     let outcome = run_experiment(&files.load(), &files.path("run"));
     let (code, words) = match outcome {
         Ok(finished) => {
@@ -142,9 +142,9 @@ fn wrong_numbers_are_refused_and_the_channel_or_the_scope_is_named() {
     ];
     let mut wrong = Vec::new();
     for (name, files, fault, cause, code) in cases {
-        let told = told(faulty(files, &fault));
-        if told.code != code || !told.words.contains(cause) {
-            wrong.push(format!("{name}: code {}: {}", told.code, told.words));
+        let result = run_result(faulty(files, &fault));
+        if result.code != code || !result.words.contains(cause) {
+            wrong.push(format!("{name}: code {}: {}", result.code, result.words));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -161,7 +161,7 @@ fn models(files: &Files) -> usize {
 
 #[test]
 fn a_model_at_its_bounds_or_of_too_few_points_is_no_result_of_run_or_fit() {
-    let sound = told(alone(7));
+    let sound = run_result(alone(7));
     assert_eq!(sound.code, 0, "{}", sound.words);
     let refused = sound.words.contains("no model with 1 RC: R");
     assert!(
@@ -169,7 +169,7 @@ fn a_model_at_its_bounds_or_of_too_few_points_is_no_result_of_run_or_fit() {
         "{}",
         sound.words
     );
-    let few = told(alone(2));
+    let few = run_result(alone(2));
     let words = "no model with 1 RC: fit: 1 RC branches have 3 parameters and need as many points, \
     met 2 distinct frequencies";
     assert!(
@@ -184,8 +184,8 @@ fn points_that_are_let_through_beside_many_that_are_refused_are_refused_and_give
     let files = with_controls(7).append(EXPERIMENT, "[eis.quality]\nagain = 1");
     // Some 18° at every frequency: 100 of 10 000 samples of five periods.
     let fault = format!("{}\nlate_samples = 100.0", channel(CELL_OF_7_S, 4, 1.0));
-    let told = told(faulty(files, &fault));
-    let rows = told.files.text("run/spectrum.csv");
+    let result = run_result(faulty(files, &fault));
+    let rows = result.files.text("run/spectrum.csv");
     let believed = rows
         .lines()
         .skip(1)
@@ -193,21 +193,21 @@ fn points_that_are_let_through_beside_many_that_are_refused_are_refused_and_give
         .count();
     assert!(rows.contains("refused neighbours"), "{rows}");
     assert_eq!(
-        (told.code, believed, models(&told.files)),
+        (result.code, believed, models(&result.files)),
         (11, 0, 0),
         "{rows}\n{}",
-        told.words
+        result.words
     );
     // The recomputed results of the captures get the same verdict.
-    let again = told.files.path("again");
+    let again = result.files.path("again");
     let ended = program(&[
         "replay".as_ref(),
-        told.files.path("run").as_os_str(),
+        result.files.path("run").as_os_str(),
         "--out".as_ref(),
         again.as_os_str(),
     ]);
     ended.expect_code(11);
-    let again = told.files.text("again/spectrum.csv");
+    let again = result.files.text("again/spectrum.csv");
     assert_eq!(
         again.matches("refused neighbours").count(),
         rows.matches("refused neighbours").count(),
@@ -218,10 +218,10 @@ fn points_that_are_let_through_beside_many_that_are_refused_are_refused_and_give
 #[test]
 fn a_zero_of_the_scope_that_has_moved_since_the_controls_is_a_note_and_no_current() {
     let moved = "[effects.after_controls]\nshunt_zero_v_per_h = 0.1";
-    let told = told(faulty(with_controls(7), moved));
-    assert_eq!(told.code, 0, "{}", told.words);
+    let result = run_result(faulty(with_controls(7), moved));
+    assert_eq!(result.code, 0, "{}", result.words);
     let note = "note: the zero of C1 and C2 moved by ";
-    assert!(told.words.contains(note), "{}", told.words);
+    assert!(result.words.contains(note), "{}", result.words);
 }
 
 /// Sound benches: with controls, alone, the accurate one, a second one; some noise levels.
@@ -253,11 +253,14 @@ fn no_sound_bench_is_refused_or_flagged() {
     let mut flagged = Vec::new();
     let mut no_model = 0;
     for number in 0..count {
-        let told = told(sound(number));
-        no_model += u64::from(told.words.contains("no model with"));
+        let result = run_result(sound(number));
+        no_model += u64::from(result.words.contains("no model with"));
         let noted = ["flagged by the quality gate", "the zero of C1 and C2 moved"];
-        if told.code != 0 || noted.iter().any(|words| told.words.contains(words)) {
-            flagged.push(format!("run {number}: code {}: {}", told.code, told.words));
+        if result.code != 0 || noted.iter().any(|words| result.words.contains(words)) {
+            flagged.push(format!(
+                "run {number}: code {}: {}",
+                result.code, result.words
+            ));
         }
     }
     // Clopper and Pearson's bound for zero events; exact if none is flagged.

@@ -496,9 +496,9 @@ pub struct ExpectedAnswers(Vec<(String, Expect)>);
 impl ExpectedAnswers {
     /// Creates the list of the settings made by this script alone.
     pub fn of(script: &[Exchange]) -> Self {
-        let mut told = Self::default();
-        told.add(script);
-        told
+        let mut answers = Self::default();
+        answers.add(script);
+        answers
     }
 
     /// Adds the settings of a later script, which replace those of an earlier one.

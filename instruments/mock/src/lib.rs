@@ -376,11 +376,11 @@ pub fn model(key: &str) -> Result<&'static Model, MakeError> {
 ///
 /// # Errors
 /// One that it does not have, or not so.
-pub fn check_quirks(key: &str, told: &Quirks) -> Result<Quirks, MakeError> {
+pub fn check_quirks(key: &str, given: &Quirks) -> Result<Quirks, MakeError> {
     let known: Vec<&'static [Quirk]> = std::iter::once(quirks::COMMON)
         .chain(model(key)?.own_quirks.iter().copied())
         .collect();
-    Ok(Quirks::of(&known, told)?)
+    Ok(Quirks::of(&known, given)?)
 }
 
 /// Makes one simulated instrument and connects it to the world, which learns the state at switch-on

@@ -357,12 +357,12 @@ pub(super) const RELAYS: &[Quirk] = &[
 
 impl Quirks {
     /// Quirks of a model as they are given, the others at their defaults.
-    pub(super) fn of(known: &[&'static [Quirk]], told: &Self) -> Result<Self, QuirkError> {
+    pub(super) fn of(known: &[&'static [Quirk]], given: &Self) -> Result<Self, QuirkError> {
         let all = || known.iter().copied().flatten();
         let mut quirks: BTreeMap<String, Value> = all()
             .map(|quirk| (quirk.name.to_owned(), quirk.kind.usual()))
             .collect();
-        for (name, value) in &told.0 {
+        for (name, value) in &given.0 {
             let Some(quirk) = all().find(|quirk| quirk.name == name) else {
                 let expected = format!(
                     "one of {}",
@@ -428,8 +428,8 @@ impl Quirks {
 }
 
 impl FromIterator<(String, Value)> for Quirks {
-    fn from_iter<T: IntoIterator<Item = (String, Value)>>(told: T) -> Self {
-        Self(told.into_iter().collect())
+    fn from_iter<T: IntoIterator<Item = (String, Value)>>(given: T) -> Self {
+        Self(given.into_iter().collect())
     }
 }
 

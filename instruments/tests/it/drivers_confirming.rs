@@ -125,7 +125,7 @@ fn what_it_holds_by_itself_is_asked_for_and_nothing_is_claimed() {
 #[test]
 fn a_confirmation_that_the_state_belies_is_not_believed() {
     in_virtual_time(async |clock| {
-        for (query, answer, told) in [
+        for (query, answer, message) in [
             (
                 "MST",
                 &b"#MST:08000001\r\n"[..],
@@ -154,7 +154,7 @@ fn a_confirmation_that_the_state_belies_is_not_believed() {
                 .await
                 .unwrap_err()
                 .to_string();
-            assert!(met.ends_with(told), "{met}");
+            assert!(met.ends_with(message), "{met}");
         }
     });
 }

@@ -108,7 +108,7 @@ fn no_question_gets_the_answer_to_another_one_whatever_goes_wrong_on_the_wire() 
 #[test]
 fn a_schedule_is_the_same_each_time_and_another_seed_is_another_one() {
     let logs = [7, 7, 8].map(|seed| {
-        let mut told = Vec::new();
+        let mut events = Vec::new();
         in_virtual_time(async |clock| {
             let schedule = Schedule {
                 seed,
@@ -119,14 +119,14 @@ fn a_schedule_is_the_same_each_time_and_another_seed_is_another_one() {
             };
             let (mut link, log, _) = troubled(&clock, &schedule).await;
             converse(&mut link, 80).await;
-            told = log
+            events = log
                 .lock()
                 .unwrap()
                 .iter()
                 .map(|happened| (happened.fault, happened.message.clone()))
                 .collect();
         });
-        told
+        events
     });
     assert!(logs[0].len() > 5, "{logs:?}");
     assert_eq!(logs[0], logs[1]);

@@ -246,14 +246,14 @@ fn tried(name: &str, kind: Kind) -> Vec<Value> {
 fn every_driver_works_with_every_quirk_or_says_what_is_wrong() {
     for model in MODELS {
         let usual = std::iter::once(None);
-        let told = model.quirks().flat_map(|quirk| {
+        let changes = model.quirks().flat_map(|quirk| {
             tried(quirk.name, quirk.kind)
                 .into_iter()
                 .map(move |value| Some((quirk.name, value)))
         });
-        for told in usual.chain(told) {
+        for change in usual.chain(changes) {
             in_virtual_time(async |clock| {
-                let quirks = told
+                let quirks = change
                     .iter()
                     .fold(Quirks::default(), |quirks, (name, value)| {
                         quirks.with(name, value.clone())
@@ -267,20 +267,20 @@ fn every_driver_works_with_every_quirk_or_says_what_is_wrong() {
                     },
                     &[],
                 );
-                let share = if matches!(told, Some(("digits", _))) {
+                let share = if matches!(change, Some(("digits", _))) {
                     6.0e-3
                 } else {
                     1.5e-3
                 };
                 let outcome = exercise(&rig, model.key, model.role, &Judge { share }).await;
-                match (&told, outcome) {
-                    (_, Ok(())) => println!("{} {told:?}: works", model.key),
+                match (&change, outcome) {
+                    (_, Ok(())) => println!("{} {change:?}: works", model.key),
                     (None, Err(error)) => panic!("{}: {error}", model.key),
                     (Some(_), Err(error)) => {
-                        println!("{} {told:?}: {error}", model.key);
+                        println!("{} {change:?}: {error}", model.key);
                         assert!(
                             error.to_string().starts_with("dev: "),
-                            "{}: {told:?}: {error}",
+                            "{}: {change:?}: {error}",
                             model.key
                         );
                     }

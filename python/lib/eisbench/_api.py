@@ -98,8 +98,8 @@ def points_of(table: Any) -> dict[str, NDArray[np.float64]]:
     given = columns_of(table, ("spectrum_id", *POINT_COLUMNS))
     for needed in _NEEDED:
         if needed not in given:
-            told = ", ".join(given) or "none of those that are known"
-            raise EisError(f"table: expected a column {needed}, met {told}")
+            names = ", ".join(given) or "none of those that are known"
+            raise EisError(f"table: expected a column {needed}, met {names}")
     return {name: numbers(name, given[name]) for name in POINT_COLUMNS if name in given}
 
 
@@ -146,8 +146,8 @@ def _cells(spectra: Union[Spectrum, Iterable[Spectrum]]) -> tuple[list[Spectrum]
     cells = [spectrum.without_flagged() for spectrum in given if spectrum.is_unbiased_cell]
     others = [spectrum.name for spectrum in given if not spectrum.is_unbiased_cell]
     if others:
-        told = ", ".join(others)
-        text = f"not fitted, because they are controls or carry a direct current: {told}"
+        names = ", ".join(others)
+        text = f"not fitted, because they are controls or carry a direct current: {names}"
         warnings.warn(text, stacklevel=3)
     if not cells:
         raise EisError("expected at least one spectrum of a cell without direct current, met none")
@@ -414,8 +414,8 @@ class FitWishes:
     def columns(self, given: Sequence[Any], alone: bool) -> dict[str, tuple[str, Any]]:
         """Kind and values of each column; with ``alone`` this thread does all the work."""
         if self.circuit is not None:
-            told = (self.circuit, self.objective, None, None, None, self.starts, "starts", self.seed)
-            return _eisbench.circuit_rows(given, _CircuitWishes(*told), alone)
+            wishes = (self.circuit, self.objective, None, None, None, self.starts, "starts", self.seed)
+            return _eisbench.circuit_rows(given, _CircuitWishes(*wishes), alone)
         whole = (self.seed, self.starts or 0)
         return _eisbench.erm_rows(given, self.rc, self.objective, self.slope, *whole, alone)
 

@@ -208,25 +208,25 @@ def unix_s(name: str, time: Optional[Time]) -> Optional[float]:
 class _Wanted:
     """Conditions, as the half in Rust takes them."""
 
-    def __init__(self, **told: Any) -> None:
-        self.cell: Optional[str] = told.get("cell")
-        self.serial: Optional[str] = told.get("serial")
-        self.batch: Optional[str] = told.get("batch")
-        self.bench: Optional[str] = told.get("bench")
-        self.experiment: Optional[str] = told.get("experiment")
-        self.from_s = unix_s("from_", told.get("from_"))
-        self.to_s = unix_s("to", told.get("to"))
-        self.verdict: Optional[str] = told.get("verdict")
-        self.trip = bool(told.get("trip"))
-        self.map = bool(told.get("map"))
-        self.text: Optional[str] = told.get("text")
+    def __init__(self, **conditions: Any) -> None:
+        self.cell: Optional[str] = conditions.get("cell")
+        self.serial: Optional[str] = conditions.get("serial")
+        self.batch: Optional[str] = conditions.get("batch")
+        self.bench: Optional[str] = conditions.get("bench")
+        self.experiment: Optional[str] = conditions.get("experiment")
+        self.from_s = unix_s("from_", conditions.get("from_"))
+        self.to_s = unix_s("to", conditions.get("to"))
+        self.verdict: Optional[str] = conditions.get("verdict")
+        self.trip = bool(conditions.get("trip"))
+        self.map = bool(conditions.get("map"))
+        self.text: Optional[str] = conditions.get("text")
         self.after: Optional[str] = None
         self.most = PAGE
 
     def query(self, *names: str) -> str:
         """The conditions of these names as the query of an address."""
-        told = {name: getattr(self, name) for name in names}
-        said = {k: str(v).lower() if isinstance(v, bool) else v for k, v in told.items()}
+        values = {name: getattr(self, name) for name in names}
+        said = {k: str(v).lower() if isinstance(v, bool) else v for k, v in values.items()}
         return urllib.parse.urlencode({k: v for k, v in said.items() if v is not None})
 
 
@@ -305,14 +305,14 @@ class Catalog:
         ca: Optional[PathLike] = None,
         timeout_s: float = 30.0,
     ) -> None:
-        told = os.fspath(place)
+        address = os.fspath(place)
         self._source: Union[_OfFile, _OfServer]
-        if "://" in told:
-            self._source = _OfServer(Client(told, token, ca=ca, timeout_s=timeout_s))
+        if "://" in address:
+            self._source = _OfServer(Client(address, token, ca=ca, timeout_s=timeout_s))
         elif token is not None or ca is not None:
-            raise EisError(f"token, ca: expected none for a file, met one for {told}")
+            raise EisError(f"token, ca: expected none for a file, met one for {address}")
         else:
-            self._source = _OfFile(Path(told))
+            self._source = _OfFile(Path(address))
 
     def __repr__(self) -> str:
         if isinstance(self._source, _OfFile):
@@ -428,11 +428,11 @@ class Catalog:
         """Columns of the points of some spectra."""
         with tempfile.TemporaryDirectory() as aside:
             files = self._source.files(rows, Path(aside))
-            columns, told = _eisbench.points_of_files(files)
-        for _, reason in told:
+            columns, results = _eisbench.points_of_files(files)
+        for _, reason in results:
             if reason is not None:
                 raise EisError(reason)
-        counts = [count for count, _ in told]
+        counts = [count for count, _ in results]
         ids = [f"{row['run']}/{row['file'].removesuffix('.csv')}" for row in rows]
         made: dict[str, Any] = {"spectrum_id": _repeated("text", ids, counts), **columns}
         for name, kind in _BESIDE.items():
@@ -445,8 +445,8 @@ def _run_row(run: dict[str, Any]) -> dict[str, Any]:
     row = dict(run)
     cells: list[dict[str, Any]] = row.pop("cells")
     for name in {name: None for cell in cells for name in cell}:
-        told = [str(cell[name]) for cell in cells if cell.get(name) is not None]
-        row[_OF_CELLS.get(name, name)] = "; ".join(told) or None
+        texts = [str(cell[name]) for cell in cells if cell.get(name) is not None]
+        row[_OF_CELLS.get(name, name)] = "; ".join(texts) or None
     row["damage"] = "; ".join(row["damage"]) or None
     fitted: dict[str, Any] = row.pop("map", None) or {}
     row.update({f"map_{name}": value for name, value in fitted.items()})
@@ -458,8 +458,8 @@ def _run_row(run: dict[str, Any]) -> dict[str, Any]:
 def _diagnosis_row(one: dict[str, Any]) -> dict[str, Any]:
     """A diagnosis with its effects and parameters in one field each."""
     effects = {parameter["effect"]: None for parameter in one["parameters"]}
-    told = json.dumps(one["parameters"], ensure_ascii=False)
-    return {**one, "effects": "; ".join(effects) or None, "parameters": told}
+    text = json.dumps(one["parameters"], ensure_ascii=False)
+    return {**one, "effects": "; ".join(effects) or None, "parameters": text}
 
 
 def _repeated(kind: str, values: list[Any], counts: list[int]) -> Any:
@@ -495,8 +495,8 @@ def _answer(kinds: dict[str, str], rows: Iterable[dict[str, Any]]) -> Any:
     """Rows as a data frame, with the columns that are known first."""
     rows = list(rows)
     hidden = ("fixture", "corrected", "seed", "time", "time_constants_s", "diffusion")
-    told = {name: None for row in rows for name in row}
-    more = [name for name in told if name not in kinds and name not in hidden]
+    names = {name: None for row in rows for name in row}
+    more = [name for name in names if name not in kinds and name not in hidden]
     columns: dict[str, Any] = {}
     for name in [*kinds, *more]:
         values = [row.get(name) for row in rows]

@@ -75,11 +75,11 @@ class Job:
         return self.how is not None
 
 
-def _job(told: dict[str, Any]) -> Job:
-    item: dict[str, Any] = told.get("item", told)
-    end: Optional[dict[str, Any]] = told.get("ended")
+def _job(record: dict[str, Any]) -> Job:
+    item: dict[str, Any] = record.get("item", record)
+    end: Optional[dict[str, Any]] = record.get("ended")
     how = None if end is None else str(end["how"])
-    return Job(int(item["id"]), item["run"], item["experiment"], item["bench"], how, told)
+    return Job(int(item["id"]), item["run"], item["experiment"], item["bench"], how, record)
 
 
 class Client:
@@ -142,7 +142,7 @@ class Client:
 
     def runs(self) -> list[Job]:
         """Runs that go on or have ended."""
-        return [_job(told) for told in self._json("GET", "/runs")]
+        return [_job(record) for record in self._json("GET", "/runs")]
 
     def run(self, run: Union[str, Job]) -> dict[str, Any]:
         """One run: ``job``, ``now`` (step, points done, time left), ``resumable``."""
@@ -161,8 +161,8 @@ class Client:
         """Puts an experiment of the daemon, or the ``text`` of one (TOML), into the queue."""
         if (experiment is None) == (text is None):
             raise EisError("submit: expected one of experiment and text, met both or neither")
-        told = {"experiment": experiment, "text": text, "bench": bench, "seed": seed}
-        body = {name: value for name, value in told.items() if value is not None}
+        fields = {"experiment": experiment, "text": text, "bench": bench, "seed": seed}
+        body = {name: value for name, value in fields.items() if value is not None}
         return _job(self._json("POST", "/queue", body))
 
     def cancel(self, job: Job) -> None:
@@ -256,9 +256,9 @@ class Client:
 
     def _has_ended(self, run: str) -> bool:
         try:
-            told = self._json("GET", f"/runs/{run}")["job"]
+            job = self._json("GET", f"/runs/{run}")["job"]
             # For a moment between queue and run, neither lists the job.
-            return told is not None and _job(told).ended
+            return job is not None and _job(job).ended
         except ApiError as error:
             if error.status == 404:
                 return False
@@ -289,7 +289,7 @@ class Client:
             answer = connection.getresponse()
             if 200 <= answer.status < 300:
                 return connection, answer
-            told = answer.read(MOST_BYTES)
+            reply = answer.read(MOST_BYTES)
         except (OSError, http.client.HTTPException) as error:
             connection.close()
             unknown = sent and method != "GET"
@@ -299,15 +299,15 @@ class Client:
             connection.close()
             raise
         connection.close()
-        raise _refusal(answer.status, told)
+        raise _refusal(answer.status, reply)
 
     def _json(self, method: str, path: str, body: Any = None) -> Any:
         connection, answer = self._open(method, path, body, {}, self._timeout_s)
         try:
-            told = answer.read(MOST_BYTES + 1)
-            if len(told) > MOST_BYTES:
+            reply = answer.read(MOST_BYTES + 1)
+            if len(reply) > MOST_BYTES:
                 raise Unreachable(f"{path}: expected at most {MOST_BYTES} bytes, met more")
-            return json.loads(told) if told.strip() else None
+            return json.loads(reply) if reply.strip() else None
         except (OSError, http.client.HTTPException, ValueError) as error:
             if isinstance(error, EisError):
                 raise
@@ -352,7 +352,7 @@ class Client:
         connection, answer = self._open(
             "GET", f"/runs/{run}/files/{quoted}", None, {"Accept": "*/*"}, self._timeout_s
         )
-        told = answer.headers.get("Content-Length")
+        length = answer.headers.get("Content-Length")
         try:
             with into.open("wb") as file:
                 shutil.copyfileobj(cast(Any, answer), file, 1 << 20)
@@ -360,20 +360,20 @@ class Client:
             raise Unreachable(f"{path}: {error!r}") from None
         finally:
             connection.close()
-        met, expected = into.stat().st_size, int(told) if size is None and told else size
+        met, expected = into.stat().st_size, int(length) if size is None and length else size
         if expected is not None and met != expected:
             raise Unreachable(f"{path}: expected {expected} bytes, met {met}")
         return into
 
 
-def _refusal(status: int, told: bytes) -> EisError:
+def _refusal(status: int, reply: bytes) -> EisError:
     if 300 <= status < 400:
         return Unreachable(f"expected an answer of the daemon, met a redirect ({status})")
     try:
-        problem: dict[str, Any] = json.loads(told)
+        problem: dict[str, Any] = json.loads(reply)
         return ApiError(status, str(problem["code"]), str(problem["message"]))
     except (ValueError, KeyError, TypeError):
-        text = told[:200].decode("utf-8", "replace")
+        text = reply[:200].decode("utf-8", "replace")
         return ApiError(status, "unknown", text or "no reason was given")
 
 

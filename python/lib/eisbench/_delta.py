@@ -52,8 +52,8 @@ def to_delta(
     """
     place = Place(store)
     check_store(place)
-    told = os.fspath(table)
-    base = told.rstrip("/") if "://" in told else os.path.abspath(told)
+    text = os.fspath(table)
+    base = text.rstrip("/") if "://" in text else os.path.abspath(text)
     options = None if storage_options is None else dict(storage_options)
     return {name: _Delta(place, f"{base}/{name}", options).write(name) for name in tables}
 
@@ -137,9 +137,9 @@ class _Delta:
         with self._place.open(file) as stream:
             part = parquet().ParquetFile(stream).read()
         has = "run_sha256" in part.column_names
-        told: list[str] = part["run_sha256"].unique().to_pylist() if has else list[str]()
-        if part.num_rows > 0 and told != [_run_of(file)]:
-            raise EisError(f"{file}: expected rows of this run_sha256 alone, met {told}")
+        runs: list[str] = part["run_sha256"].unique().to_pylist() if has else list[str]()
+        if part.num_rows > 0 and runs != [_run_of(file)]:
+            raise EisError(f"{file}: expected rows of this run_sha256 alone, met {runs}")
         for name, value in partition(file).items():
             if name not in part.column_names:
                 part = part.append_column(name, pa.array([value] * part.num_rows, pa.string()))

@@ -45,8 +45,8 @@ class _Rows:
         columns = [np.ascontiguousarray(one[kept]) for one in self.covariates]
         levels = [np.ascontiguousarray(one[kept]) for one in self.levels]
         ids = [one for one, is_kept in zip(self.ids, kept) if is_kept]
-        told = (self.values[kept], variances, columns, self.factors, levels)
-        return _Rows(*told, self.names, ids, self.notes)
+        parts = (self.values[kept], variances, columns, self.factors, levels)
+        return _Rows(*parts, self.names, ids, self.notes)
 
     def level(self, factor: str) -> Optional[Levels]:
         """The level of each row of a factor; None where it is none."""
@@ -189,8 +189,8 @@ def _refuse_dependent(rows: _Rows, covariates: list[str]) -> None:
     """Refuses covariates of which one follows from the others, or does not differ at all."""
     centred = [column - column.mean() for column in rows.covariates if len(column)]
     scales = [float(np.abs(column).max()) or 1.0 for column in centred]
-    told = [column / scale for column, scale in zip(centred, scales)]
-    if told and int(np.linalg.matrix_rank(np.column_stack(told), tol=1e-9)) < len(told):
+    scaled = [column / scale for column, scale in zip(centred, scales)]
+    if scaled and int(np.linalg.matrix_rank(np.column_stack(scaled), tol=1e-9)) < len(scaled):
         met = ", ".join(covariates)
         raise EisError(f"covariates: expected columns that do not depend on each other, met {met}")
 
@@ -208,8 +208,8 @@ def _texts(table: Any, name: str) -> Optional[list[str]]:
     if name not in found:
         return None
     column: Any = found[name]
-    told: Any = column.to_pylist() if hasattr(column, "to_pylist") else list(column)
-    return ["" if one is None or one != one else str(one) for one in cast("list[Any]", told)]
+    values: Any = column.to_pylist() if hasattr(column, "to_pylist") else list(column)
+    return ["" if one is None or one != one else str(one) for one in cast("list[Any]", values)]
 
 
 def _covariate(table: Any, name: str, cell: str) -> Floats:
@@ -231,11 +231,11 @@ def _sigma_name(name: str) -> str:
 
 def _variances(table: Any, name: str, values: Floats, log: bool) -> Optional[Floats]:
     """Known variances, where the table states uncertainties."""
-    told = _sigma_name(name)
-    found = columns_of(table, [told])
-    if told not in found:
+    sigma_name = _sigma_name(name)
+    found = columns_of(table, [sigma_name])
+    if sigma_name not in found:
         return None
-    sigma = numbers(told, found[told])
+    sigma = numbers(sigma_name, found[sigma_name])
     return (sigma / values) ** 2 if log else sigma**2
 
 
@@ -244,8 +244,8 @@ def _levels(
 ) -> tuple[dict[str, Levels], dict[str, list[str]]]:
     """The factors that have several levels: the level of each row, and the names of the levels.
     Rows without a name of a factor are taken out of ``usable``."""
-    told = {"batch": of.batch, "cell": of.cell, "bench": of.bench}
-    columns = {name: _texts(table, column) for name, column in told.items() if column is not None}
+    wanted = {"batch": of.batch, "cell": of.cell, "bench": of.bench}
+    columns = {name: _texts(table, column) for name, column in wanted.items() if column is not None}
     known = {name: texts for name, texts in columns.items() if texts is not None and any(texts)}
     if "cell" not in known:
         raise EisError(f"table: expected a column {of.cell} with the names of cells, met none")
@@ -278,8 +278,8 @@ def _tell_confounded(name: str, rows: _Rows, usable: NDArray[np.bool_]) -> None:
             left, right = rows.levels[k][usable], rows.levels[j][usable]
             pairs = len(set(zip(left.tolist(), right.tolist())))
             if pairs == len(set(left.tolist())) == len(set(right.tolist())):
-                told = f"{name}: {rows.factors[j]} and {one} go together in every row"
-                rows.notes.append(f"{told}: the table cannot separate their shares")
+                finding = f"{name}: {rows.factors[j]} and {one} go together in every row"
+                rows.notes.append(f"{finding}: the table cannot separate their shares")
 
 
 def _part(name: str, rows: _Rows, fixed: list[str], share: float) -> _Part:
@@ -298,8 +298,8 @@ def _part(name: str, rows: _Rows, fixed: list[str], share: float) -> _Part:
     for row in np.flatnonzero(~kept).tolist():
         cell = "" if of_cell is None else rows.names["cell"][int(of_cell[row])]
         outliers.add("spectrum", rows.ids[row], cell, float(scores[row]), limit)
-    told = (_components(name, found), _fixed(name, fixed, found), cells, outliers.columns())
-    return _Part(name, *told, rows.notes, count, spectra)
+    tables = (_components(name, found), _fixed(name, fixed, found), cells, outliers.columns())
+    return _Part(name, *tables, rows.notes, count, spectra)
 
 
 def _clean(rows: _Rows, limit: float) -> tuple[NDArray[np.bool_], Floats]:
@@ -340,10 +340,10 @@ def _scores(rows: _Rows, kept: NDArray[np.bool_], found: Mapping[str, Any]) -> F
 
 
 def _components(name: str, found: Mapping[str, Any]) -> dict[str, Any]:
-    told: list[Any] = found["components"]
-    columns = list(zip(*told))
+    components: list[Any] = found["components"]
+    columns = list(zip(*components))
     return {
-        "parameter": [name] * len(told),
+        "parameter": [name] * len(components),
         "component": [str(one) for one in columns[0]],
         "sd": np.array(columns[1]),
         "low": np.array(columns[2]),
@@ -353,12 +353,12 @@ def _components(name: str, found: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _fixed(name: str, fixed: list[str], found: Mapping[str, Any]) -> dict[str, Any]:
-    told: list[Any] = found["fixed"]
+    terms: list[Any] = found["fixed"]
     return {
-        "parameter": [name] * len(told),
+        "parameter": [name] * len(terms),
         "term": list(fixed),
-        "value": np.array([value for value, _ in told]),
-        "sigma": np.array([sigma for _, sigma in told]),
+        "value": np.array([value for value, _ in terms]),
+        "sigma": np.array([sigma for _, sigma in terms]),
     }
 
 
@@ -414,8 +414,8 @@ def _odd_cells(
         limit = _eisbench.t_factor(1 - share / (count - step), freedom)
         met.append((suspect, value / sigma, limit))
         beyond = len(met) if abs(value / sigma) > limit else beyond
-        told = found["levels"][rows.factors.index("cell")][2]
-        z = np.pad(np.nan_to_num(told), (0, count - len(told)))
+        cell_z = found["levels"][rows.factors.index("cell")][2]
+        z = np.pad(np.nan_to_num(cell_z), (0, count - len(cell_z)))
         for known, _, _ in met:
             z[known] = 0.0
     return {level: (score, limit) for level, score, limit in met[:beyond]}
@@ -424,8 +424,8 @@ def _odd_cells(
 def _with(rows: _Rows, column: Floats) -> _Rows:
     """The rows with one more covariate."""
     columns = [*rows.covariates, column]
-    told = (rows.values, rows.variances, columns, rows.factors, rows.levels)
-    return _Rows(*told, rows.names, rows.ids, rows.notes)
+    parts = (rows.values, rows.variances, columns, rows.factors, rows.levels)
+    return _Rows(*parts, rows.names, rows.ids, rows.notes)
 
 
 class _Outliers:

@@ -72,8 +72,8 @@ class Joint:
     def _rows(self) -> list[list[str]]:
         def cell(fit: dict[str, Any]) -> str:
             sigma = fit["sigma"]["dc_resistance_ohm"]
-            told = "?" if sigma is None else significant(1e3 * sigma, 2)
-            return f"{significant(1e3 * fit['dc_resistance_ohm'], 4)} ± {told}"
+            uncertainty = "?" if sigma is None else significant(1e3 * sigma, 2)
+            return f"{significant(1e3 * fit['dc_resistance_ohm'], 4)} ± {uncertainty}"
 
         return [
             [

@@ -81,14 +81,14 @@ class _Play:
         time_s: ArrayLike,
         current_a: Optional[ArrayLike],
         power_w: Optional[ArrayLike],
-        **told: Any,
+        **options: Any,
     ) -> None:
         if (current_a is None) == (power_w is None):
             raise EisError("simulate: expected one of current_a and power_w, met both or neither")
         self.demand, value = ("power", power_w) if current_a is None else ("current", current_a)
         self.time_s = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
         self.value = np.atleast_1d(np.asarray(value, dtype=np.float64))
-        self.__dict__.update(told)
+        self.__dict__.update(options)
 
 
 @dataclass(frozen=True)

@@ -171,8 +171,8 @@ def _bars(axes: Any, rows: Any, value: str, sigma: str, factor: float) -> None:
 
 def ageing(of: Ageing, axes: Any) -> Any:
     table, diffusion = of.table, of.diffusion
-    told = zip(diffusion["effect"], diffusion["name"], diffusion["unit"])
-    named = sorted({(str(effect), str(name), str(unit)) for effect, name, unit in told})
+    effects = zip(diffusion["effect"], diffusion["name"], diffusion["unit"])
+    named = sorted({(str(effect), str(name), str(unit)) for effect, name, unit in effects})
     shown = [one for one in _AGEING if np.isfinite(np.asarray(table[one[0]], dtype=float)).any()]
     if axes is None:
         import matplotlib.pyplot as plt

@@ -138,13 +138,13 @@ class DataSet:
 
     @classmethod
     def from_frames(
-        cls, records: Mapping[str, Any], *, soc: Optional[float] = None, **told: Any
+        cls, records: Mapping[str, Any], *, soc: Optional[float] = None, **options: Any
     ) -> DataSet:
         """A data set of records by name: data frames or mappings with ``time_s``, ``current_a``
         (discharge positive) and ``voltage_v``, which begin at rest at ``soc``."""
         made = cls()
         for name, frame in records.items():
-            made.add_series(name, frame, soc=soc, **told)
+            made.add_series(name, frame, soc=soc, **options)
         return made
 
     def add_series(

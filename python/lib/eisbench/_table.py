@@ -121,15 +121,15 @@ def frame(columns: Mapping[str, Column]) -> Any:
         pandas = optional("pandas", "'eisbench[table]'")
     except ImportError:
         return Table(columns)
-    told: dict[str, Any] = {}
+    series: dict[str, Any] = {}
     for name, values in columns.items():
         # One kind for texts, also where all of them are missing.
         is_text = isinstance(values, list)
-        told[name] = pandas.Series(values, dtype=object) if is_text else values
+        series[name] = pandas.Series(values, dtype=object) if is_text else values
         if name.endswith("_unix_s"):
             time = name.removesuffix("_unix_s")
-            told[time] = pandas.to_datetime(np.asarray(values), unit="s", utc=True)
-    return pandas.DataFrame(told)
+            series[time] = pandas.to_datetime(np.asarray(values), unit="s", utc=True)
+    return pandas.DataFrame(series)
 
 
 def columns_of(table: Any, wanted: Sequence[str]) -> dict[str, Any]:
@@ -138,8 +138,8 @@ def columns_of(table: Any, wanted: Sequence[str]) -> dict[str, Any]:
     given: Any = table
     if not hasattr(given, "columns") and not hasattr(given, "keys"):
         given = _of_arrow(given)
-    told: Any = getattr(given, "column_names", getattr(given, "columns", given))
-    names = [str(name) for name in told]
+    labels: Any = getattr(given, "column_names", getattr(given, "columns", given))
+    names = [str(name) for name in labels]
     return {name: given[name] for name in wanted if name in names}
 
 

@@ -59,7 +59,7 @@ def _():
 
     expected = numpy.loadtxt(SPECTRUM, delimiter=",", skiprows=1)
     expected = expected[expected[:, 0].argsort()[::-1]]
-    told = []
+    notes = []
     readers = {
         "impedance-py": ("cell.csv", None),
         "gamry": ("cell.DTA", "gamry"),
@@ -80,15 +80,15 @@ def _():
         )
         if len(f) != len(expected) or worst > 1e-12:
             raise AssertionError(f"{to}: {len(f)} points, off by {worst}")
-        told.append(f"{to} {worst:.0e}")
-    return ", ".join(told)
+        notes.append(f"{to} {worst:.0e}")
+    return ", ".join(notes)
 
 
 @check("impedance.py and eis-bench read the same numbers from real files of others")
 def _():
     from impedance import preprocessing
 
-    told = []
+    notes = []
     for name, instrument in {
         "gamry.DTA": "gamry",
         "biologic.mpt": "biologic",
@@ -104,8 +104,8 @@ def _():
         theirs = sorted(zip(map(float, f), map(float, z.real), map(float, z.imag)))
         if ours != theirs:
             raise AssertionError(f"{name}: {ours[:2]} against {theirs[:2]}")
-        told.append(f"{name} {len(ours)} points")
-    return ", ".join(told)
+        notes.append(f"{name} {len(ours)} points")
+    return ", ".join(notes)
 
 
 @check("batterydf opens and validates our BDF, CSV and Parquet")
@@ -114,23 +114,23 @@ def _():
 
     series = OUT / "series.csv"
     series.write_text("time_s,voltage_v,current_a,temperature_c\n0,3.7,0,25\n1,3.65,-2,25.1\n2,3.64,-2,25.2\n")
-    told = []
+    notes = []
     for to, name in {"bdf-csv": "series.bdf.csv", "bdf-parquet": "series.bdf.parquet"}.items():
         eis_bench("convert", series, "--to", to, "--out", OUT / to)
         from bdf import io
 
         frame = io.load(OUT / to / name)
         report = bdf.validate(frame, report=False, raise_on_error=True)
-        told.append(f"{to} {list(frame.columns)} {len(frame)} rows")
+        notes.append(f"{to} {list(frame.columns)} {len(frame)} rows")
         del report
-    return "; ".join(told)
+    return "; ".join(notes)
 
 
 @check("batterydf opens our spectra in BDF and their metadata")
 def _():
     from bdf import io
 
-    told = []
+    notes = []
     for to, name in {"bdf-csv": "cell.bdf.csv", "bdf-parquet": "cell.bdf.parquet"}.items():
         out = OUT / f"spectrum-{to}"
         eis_bench("convert", SPECTRUM, "--to", to, "--out", out)
@@ -150,8 +150,8 @@ def _():
         again = list(csv.DictReader((OUT / f"back-{to}" / "cell.csv").open()))
         if sorted(ours) != sorted((float(r["freq_hz"]), float(r["z_re_ohm"]), float(r["z_im_ohm"])) for r in again):
             raise AssertionError(f"{to}: {again[:2]}")
-        told.append(f"{to} {len(theirs)} points")
-    return "; ".join(told)
+        notes.append(f"{to} {len(theirs)} points")
+    return "; ".join(notes)
 
 
 @check("eis-bench reads what batterydf writes")
@@ -162,7 +162,7 @@ def _():
     frame = pandas.DataFrame(
         {"Test Time / s": [0.0, 1.0, 2.0], "Voltage / V": [3.7, 3.6, 3.5], "Current / A": [0.0, -1.0, -2.0]}
     )
-    told = []
+    notes = []
     for name in ("theirs.bdf.csv", "theirs.bdf.parquet"):
         io.save(frame, OUT / name)
         out = OUT / f"of_{name}"
@@ -171,15 +171,15 @@ def _():
         met = [[float(r[c]) for c in ("Test Time / s", "Voltage / V", "Current / A")] for r in rows]
         if met != [[0.0, 3.7, 0.0], [1.0, 3.6, -1.0], [2.0, 3.5, -2.0]]:
             raise AssertionError(f"{name}: {met}")
-        told.append(name)
-    return ", ".join(told)
+        notes.append(name)
+    return ", ".join(notes)
 
 
 @check("fastnda and eis-bench read the same numbers from each version of .nda and .ndax")
 def _():
     import fastnda
 
-    told = []
+    notes = []
     for path in sorted((ROOT / "fixtures/data/series/neware").iterdir()):
         frame = fastnda.read(path)
         names = ("total_time_s", "voltage_V", "current_mA")
@@ -197,8 +197,8 @@ def _():
         # fastnda keeps 32 bits.
         if worst > 5e-7:
             raise AssertionError(f"{path.name}: off by {worst}")
-        told.append(f"{path.name} {len(ours)} rows")
-    return ", ".join(told)
+        notes.append(f"{path.name} {len(ours)} rows")
+    return ", ".join(notes)
 
 
 @check("CasADi gives what eis-bench simulate gives")

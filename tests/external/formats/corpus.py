@@ -22,7 +22,7 @@ FOLDER = Path(sys.argv[2]) if len(sys.argv) > 2 else ROOT.parent / "shared/data/
 # Both sides read the same decimals; modulus and phase are turned into parts, which costs a few last digits.
 TOLERANCE = 1e-6
 
-# What impedance.py must be told: the instrument by the file's name.
+# What impedance.py needs to know: the instrument by the file's name.
 INSTRUMENTS = {
     "Autolab.txt": "autolab",
     "BioLogic.mpt": "biologic",
@@ -133,7 +133,7 @@ def main():
     print("file | peer: points | ours | worst relative difference, or why it is refused")
     for path in sorted(p for p in FOLDER.glob("*/*") if p.is_file() and p.name != "LICENSE"):
         name = f"{path.parent.name}/{path.name}"
-        read, told = ours(path)
+        read, message = ours(path)
         peers = {}
         for peer, (reader, parts) in PEERS.items():
             try:
@@ -147,8 +147,8 @@ def main():
         )
         if read is None:
             counts["refused"] += 1
-            told = told.removeprefix("eis-bench: ").removeprefix(f"{path}").lstrip(":, ")
-            print(f"{name} | {points} | refused | {told}")
+            message = message.removeprefix("eis-bench: ").removeprefix(f"{path}").lstrip(":, ")
+            print(f"{name} | {points} | refused | {message}")
             continue
         met = "+".join(str(len(s)) for s in read.values())
         verdicts = {peer: compare(theirs, parts, read) for peer, (theirs, parts) in peers.items()}

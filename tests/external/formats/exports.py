@@ -135,10 +135,10 @@ class Discharge:
         if start_v is not None:
             away = numpy.maximum(away, numpy.abs(numpy.asarray(start_v)[:count] - self.start_v[:count]))
         worst = int(away.argmax())
-        told = f"{self.name} {1e6 * away[worst]:.2f} µV in {count} rows to SOC {self.soc[count - 1]:.3f}"
+        text = f"{self.name} {1e6 * away[worst]:.2f} µV in {count} rows to SOC {self.soc[count - 1]:.3f}"
         if not away[worst] * 1e6 < LIMIT_UV or count < 0.98 * self.count:
-            raise AssertionError(f"{told}, worst at SOC {self.soc[worst]:.3f}")
-        return told
+            raise AssertionError(f"{text}, worst at SOC {self.soc[worst]:.3f}")
+        return text
 
 
 MODELS = models()
@@ -158,7 +158,7 @@ def exported(discharge, to):
 def _():
     import casadi
 
-    told = []
+    notes = []
     for discharge in DISCHARGES:
         made = module(exported(discharge, "casadi"))
         step = made.power_step()
@@ -177,8 +177,8 @@ def _():
             start_v.append(numpy.array(found[1]).ravel())
         start_v = numpy.concatenate(start_v)[: len(rows)]
         first = numpy.searchsorted(rows, numpy.arange(discharge.count))
-        told.append(discharge.compare(start_v[first], discharge.end_v))
-    return "; ".join(told)
+        notes.append(discharge.compare(start_v[first], discharge.end_v))
+    return "; ".join(notes)
 
 
 @check("FMU, co-simulation")
@@ -187,7 +187,7 @@ def _():
     from fmpy import fmi3
     from fmpy.validation import validate_fmu
 
-    told = []
+    notes = []
     for discharge in DISCHARGES:
         path = exported(discharge, "fmu")
         problems = validate_fmu(str(path))
@@ -219,8 +219,8 @@ def _():
             raise AssertionError(f"margins {low_v} and {high_v} at {end_v[-1]} V")
         slave.terminate()
         slave.freeInstance()
-        told.append(discharge.compare(start_v, end_v))
-    return "; ".join(told)
+        notes.append(discharge.compare(start_v, end_v))
+    return "; ".join(notes)
 
 
 @check("FMU, model exchange")
@@ -232,7 +232,7 @@ def _():
 
     if not SHORT:
         return "left out: Runge and Kutta's steps in Python take long"
-    told = []
+    notes = []
     for discharge in DISCHARGES:
         path = exported(discharge, "fmu")
         description = fmpy.read_model_description(str(path))
@@ -275,8 +275,8 @@ def _():
             end_v += model.getFloat64([vr["terminal_v"]])
         model.terminate()
         model.freeInstance()
-        told.append(discharge.compare(None, end_v))
-    return "; ".join(told)
+        notes.append(discharge.compare(None, end_v))
+    return "; ".join(notes)
 
 
 def coarse(count):
@@ -295,7 +295,7 @@ def _():
     if not SHORT:
         return "left out: its solver takes long"
     pybamm.set_logging_level("ERROR")
-    told = []
+    notes = []
     for name in ("point", *MAPS):
         discharge = Discharge(name, *MODELS[name], coarse(368), ALMOST_S[name])
         made = module(exported(discharge, "pybamm"))
@@ -313,8 +313,8 @@ def _():
         margin = solution["Margin above lower voltage [V]"](at)
         if numpy.abs(voltage - margin - 2.5).max() > 1e-12:
             raise AssertionError("margins")
-        told.append(discharge.compare(None, voltage[1:]))
-    return "; ".join(told)
+        notes.append(discharge.compare(None, voltage[1:]))
+    return "; ".join(notes)
 
 
 MODELICA = """
@@ -346,7 +346,7 @@ def _():
 
     if not SHORT:
         return "left out: its solver takes long"
-    told = []
+    notes = []
     for name in ("point", *MAPS):
         # Rumoca is slow where a function has many numbers.
         rows = coarse(73)
@@ -362,8 +362,8 @@ def _():
         voltage, low_v = (numpy.array(found["data"][f"c.{key}"]) for key in ("terminal_v", "low_v"))
         if numpy.abs(voltage - low_v - 2.5).max() > 1e-12:
             raise AssertionError("margins")
-        told.append(discharge.compare(None, voltage[1:]))
-    return "; ".join(told)
+        notes.append(discharge.compare(None, voltage[1:]))
+    return "; ".join(notes)
 
 
 OCTAVE = """
@@ -418,7 +418,7 @@ def _():
         return "left out: no octave"
     if not SHORT:
         return "left out: a loop in Octave takes long"
-    told = []
+    notes = []
     # Octave is slow: longer parts, and fewer watts for the cell that would need short ones beyond its P0.
     for discharge in (Discharge("gentle", MODELS["point"][0], 0.7), DISCHARGES[1]):
         script, given, found = exported(discharge, "simscape"), OUT / "octave.csv", OUT / "octave.out"
@@ -434,8 +434,8 @@ def _():
         if done.returncode != 0:
             raise RuntimeError(done.stderr.strip())
         start_v, end_v = numpy.loadtxt(found, delimiter=",").T
-        told.append(discharge.compare(start_v, end_v))
-    return "; ".join(told)
+        notes.append(discharge.compare(start_v, end_v))
+    return "; ".join(notes)
 
 
 end()

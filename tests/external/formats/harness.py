@@ -18,10 +18,10 @@ results = []
 def check(name):
     def run(function):
         try:
-            told = function()
+            summary = function()
             results.append(True)
-            print(f"ok      {name}: {told}")
-        except Exception as error:  # noqa: BLE001 - whatever it is, it is told
+            print(f"ok      {name}: {summary}")
+        except Exception as error:  # noqa: BLE001 - whatever it is, it is printed
             results.append(False)
             print(f"FAILED  {name}: {type(error).__name__}: {error}")
         return function

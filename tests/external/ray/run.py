@@ -136,28 +136,28 @@ def main():
     parser.add_argument("--spectra", type=int, default=100_000)
     parser.add_argument("--rc", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
-    told = parser.parse_args()
-    place, task = told.folder / "store", jobs.fit(rc=told.rc, ocv_slope="none")
-    store(place, told.spectra, told.seed)
-    print(f"{told.spectra} spectra of {POINTS} points, {told.rc} RC pairs")
+    options = parser.parse_args()
+    place, task = options.folder / "store", jobs.fit(rc=options.rc, ocv_slope="none")
+    store(place, options.spectra, options.seed)
+    print(f"{options.spectra} spectra of {POINTS} points, {options.rc} RC pairs")
 
-    one, t1 = local(task, place, told.folder / "one", 1)
-    rate = told.spectra / t1.s
-    each_ms = 1e3 * t1.cpu_s / told.spectra
+    one, t1 = local(task, place, options.folder / "one", 1)
+    rate = options.spectra / t1.s
+    each_ms = 1e3 * t1.cpu_s / options.spectra
     print(f"local, 1 worker:  {t1.s:7.1f} s, {rate:6.0f} spectra/s, {each_ms:.2f} ms of processor time each")
-    two, t2 = local(task, place, told.folder / "two", 2)
-    rate = told.spectra / t2.s
+    two, t2 = local(task, place, options.folder / "two", 2)
+    rate = options.spectra / t2.s
     print(f"local, 2 workers: {t2.s:7.1f} s, {rate:6.0f} spectra/s, {t1.s / t2.s:.2f} times 1 worker")
-    ray_done, t3, _, _ = on_ray(task, place, told.folder / "ray", kill=False)
-    rate, more = told.spectra / t3.s, 100 * (t3.s / t2.s - 1)
+    ray_done, t3, _, _ = on_ray(task, place, options.folder / "ray", kill=False)
+    rate, more = options.spectra / t3.s, 100 * (t3.s / t2.s - 1)
     print(f"Ray, 2 nodes:     {t3.s:7.1f} s, {rate:6.0f} spectra/s, {more:+.0f} % of time against local")
-    cut, t4, killed, nodes = on_ray(task, place, told.folder / "killed", kill=True)
+    cut, t4, killed, nodes = on_ray(task, place, options.folder / "killed", kill=True)
     at, of = killed[0]
     print(f"Ray, one killed:  {t4.s:7.1f} s, killed after {at} of {of} shards, {nodes} node left")
 
-    assert one.rows == told.spectra and nodes == 1, (one.rows, nodes)
-    whole = bytes_of(told.folder / "one")
-    same = [bytes_of(told.folder / name) == whole for name in ("two", "ray", "killed")]
+    assert one.rows == options.spectra and nodes == 1, (one.rows, nodes)
+    whole = bytes_of(options.folder / "one")
+    same = [bytes_of(options.folder / name) == whole for name in ("two", "ray", "killed")]
     print(f"without a result: {one.errors}; sha256 {one.sha256}")
     names = ("2 workers", "Ray", "Ray with a node killed")
     print("the same to the last bit:", ", ".join(f"{n} {s}" for n, s in zip(names, same)))

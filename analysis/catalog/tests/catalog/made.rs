@@ -288,8 +288,8 @@ pub(crate) fn answers(catalog: &Catalog) -> String {
     };
     let ageing = cells.cells.iter().map(|cell| {
         let of_cell = of_cell(&cell.cell);
-        let told = catalog.cells(&of_cell).unwrap();
-        json!([catalog.ageing(&of_cell, None).unwrap(), told])
+        let listed = catalog.cells(&of_cell).unwrap();
+        json!([catalog.ageing(&of_cell, None).unwrap(), listed])
     });
     let ageing: Vec<_> = ageing.collect();
     let spectra = catalog.all_spectra(&all).unwrap();

@@ -128,7 +128,7 @@ impl Planner<'_> {
             now: least(&open.now),
         };
         let next = (!moved.is_empty()).then(|| {
-            told(
+            recommend_item(
                 best.item,
                 open.names(&moved),
                 expected,
@@ -247,7 +247,7 @@ pub(super) fn recommend(
         // Without names to separate, a repeat of the first run shows what changed on its own.
         let next = sentinel_repeat(&campaign)
             .filter(|item| planner.allowed(item))
-            .map(|item| told(item, Vec::new(), Separation::default(), false));
+            .map(|item| recommend_item(item, Vec::new(), Separation::default(), false));
         return Advice {
             next,
             inseparable: Vec::new(),
@@ -269,7 +269,7 @@ struct Separation {
     now: f64,
 }
 
-fn told(
+fn recommend_item(
     item: MenuItem,
     separates: Vec<&'static str>,
     expected: Separation,

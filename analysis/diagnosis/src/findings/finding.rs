@@ -101,9 +101,9 @@ impl Finding {
     /// Returns the finding of rows of a file without a number for the voltage or the current, by
     /// their lines or rows in the file, and their fraction of the run's rows.
     pub fn rows_not_measured(run: &str, lines: &[usize], of: usize) -> Self {
-        let mut told: Vec<String> = lines.iter().take(8).map(usize::to_string).collect();
+        let mut shown: Vec<String> = lines.iter().take(8).map(usize::to_string).collect();
         if lines.len() > 8 {
-            told.push(format!("{} more", lines.len() - 8));
+            shown.push(format!("{} more", lines.len() - 8));
         }
         let rows = if lines.len() == 1 { "row" } else { "rows" };
         Self {
@@ -112,7 +112,7 @@ impl Finding {
             text: format!(
                 "{run}: {} {rows} of its part of the file without a voltage or a current (line {})",
                 lines.len(),
-                told.join(", ")
+                shown.join(", ")
             ),
             how_sure: format!(
                 "certain: {} of {} rows",

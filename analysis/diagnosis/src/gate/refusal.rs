@@ -42,14 +42,14 @@ pub fn diagnose(
         .map(|_| FindingKind::CurrentFilter)
         .into_iter()
         .collect();
-    let told = wanted.then(|| {
+    let filter_note = wanted.then(|| {
         inspected.expected.filter.as_ref().map_or_else(
             || {
                 "current_filter was accepted, but no filter of the logged current was found: the \
                 logged current was used"
                     .to_owned()
             },
-            Filter::told,
+            Filter::describe,
         )
     });
     let mut seen = used_set.clone();
@@ -66,7 +66,7 @@ pub fn diagnose(
     if !reasons.is_empty() {
         let mut diagnosis = refused(set, model, &reasons, report.notes);
         (diagnosis.findings, diagnosis.accepted) = (found, accepted);
-        diagnosis.notes.extend(told);
+        diagnosis.notes.extend(filter_note);
         return Ok(Outcome {
             diagnosis,
             curves: Vec::new(),
@@ -89,7 +89,7 @@ pub fn diagnose(
             }
         ));
     }
-    outcome.diagnosis.notes.extend(told);
+    outcome.diagnosis.notes.extend(filter_note);
     outcome.diagnosis.notes.extend(report.notes);
     Ok(outcome)
 }

@@ -114,13 +114,13 @@ impl Distinguishability {
         let row = |(a, b, r): &(usize, usize, f64)| {
             let separation = Self::at(&self.separation_sigma, *a, *b);
             let sigma = separation.map_or("–".to_owned(), |s| format!("{s:.1} σ"));
-            let told = separation.map_or("–", |s| if s >= APART_SIGMA { "yes" } else { "no" });
+            let separated = separation.map_or("–", |s| if s >= APART_SIGMA { "yes" } else { "no" });
             vec![
                 self.labels[*a].clone(),
                 self.labels[*b].clone(),
                 format!("{r:.3}"),
                 sigma,
-                told.to_owned(),
+                separated.to_owned(),
             ]
         };
         pairs.iter().map(row).collect()
@@ -195,7 +195,11 @@ fn page(cards: &[&Card], matrix: Option<&Distinguishability>) -> Page {
         items.extend(inside.iter().map(|c| card(c)));
         sections.push(Section::new(heading, items));
     }
-    sections.extend(matrix.filter(|m| !m.labels.is_empty()).map(told_apart));
+    sections.extend(
+        matrix
+            .filter(|m| !m.labels.is_empty())
+            .map(separation_section),
+    );
     Page {
         title: format!(
             "{} that a model may lack",
@@ -233,7 +237,7 @@ fn card(c: &Card) -> Item {
     Item::Fields(format!("{}: {}", c.name, c.title), fields)
 }
 
-fn told_apart(matrix: &Distinguishability) -> Section {
+fn separation_section(matrix: &Distinguishability) -> Section {
     let mut items = vec![Item::Text(
         "r is the part of an effect's λ that another effect, fitted with all parameters of the \
         base model, cannot imitate on these data: 0 identical, 1 distinct. √λ is what is left to \

@@ -6,15 +6,15 @@ use crate::outcome::Diagnosis;
 
 /// Sentences of the first page.
 pub(super) fn in_short(d: &Diagnosis) -> Vec<String> {
-    let told: Vec<String> = d
+    let sentences: Vec<String> = d
         .findings
         .iter()
         .take(3)
         .map(|finding| sentence(finding, d))
         .collect();
-    let more = d.findings.len() - told.len();
+    let more = d.findings.len() - sentences.len();
     let rest = (more > 0).then(|| format!("The details list {more} more."));
-    told.into_iter().chain(rest).collect()
+    sentences.into_iter().chain(rest).collect()
 }
 
 fn sentence(finding: &Finding, d: &Diagnosis) -> String {

@@ -482,10 +482,10 @@ fn integration_is_judged_by_what_it_does_to_whitened_rows() {
         problem.whiteners[k].apply(&change, &mut rows);
         white = rows.iter().fold(white, |worst, r| worst.max(r.abs()));
     }
-    let told = search.integration_error(&attempt.fit);
+    let reported = search.integration_error(&attempt.fit);
     assert!(
-        (told / white - 1.0).abs() < 1e-9 && (white / by_row - 1.0).abs() > 0.2,
-        "{told}, {white} whitened, {by_row} by row"
+        (reported / white - 1.0).abs() < 1e-9 && (white / by_row - 1.0).abs() > 0.2,
+        "{reported}, {white} whitened, {by_row} by row"
     );
 }
 
@@ -519,8 +519,11 @@ fn coarse_codes_are_noise_and_no_misfit() {
         let base = base_fit(&prepared.problem, &model().erm, &mut Workspace::default());
         excess_z(base.chi2, prepared.problem.degrees_of_freedom(&base))
     };
-    let (told, untold) = (z(step_v), z(0.0));
-    assert!(untold > 50.0 && told < 0.2 * untold, "{told} and {untold}");
+    let (stated, unstated) = (z(step_v), z(0.0));
+    assert!(
+        unstated > 50.0 && stated < 0.2 * unstated,
+        "{stated} and {unstated}"
+    );
 }
 
 #[test]
@@ -605,10 +608,10 @@ fn what_differs_between_circumstances_is_no_noise() {
 /// Asserts that this much of something hidden is found in the repeats with a note, and taken for
 /// noise without the guard; and that nothing is found where nothing is hidden.
 fn assert_found_in_repeats(set: impl Fn(f64) -> DataSet, hidden: f64, note: &str) {
-    let told = |d: &Diagnosis| d.notes.iter().any(|n| n.contains(note));
+    let has_note = |d: &Diagnosis| d.notes.iter().any(|n| n.contains(note));
     let on = with(&set(hidden), Guards::default());
     assert!(
-        on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on),
+        on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && has_note(&on),
         "{:?} {:?}",
         on.quality,
         on.notes
@@ -621,7 +624,11 @@ fn assert_found_in_repeats(set: impl Fn(f64) -> DataSet, hidden: f64, note: &str
     let floor = Verdict::AtNoiseFloor;
     assert_eq!(off.verdict, floor, "{} {:?}", off.summary, off.notes);
     let still = with(&set(0.0), Guards::default());
-    assert!(still.verdict == floor && !told(&still), "{:?}", still.notes);
+    assert!(
+        still.verdict == floor && !has_note(&still),
+        "{:?}",
+        still.notes
+    );
 }
 
 /// A ripple over the charge is not an effect of the catalogue. In each record it is a third of the

@@ -86,10 +86,10 @@ fn columns_that_are_missing_or_texts_are_named() {
         &path,
         vec![numbers("freq_hz", &[1.0]), numbers("z_re_ohm", &[1.0])],
     );
-    let told = all(&path).unwrap_err().to_string();
+    let message = all(&path).unwrap_err().to_string();
     assert!(
-        told.ends_with("expected a column z_im_ohm, met freq_hz, z_re_ohm"),
-        "{told}"
+        message.ends_with("expected a column z_im_ohm, met freq_hz, z_re_ohm"),
+        "{message}"
     );
     write(
         &path,
@@ -99,10 +99,10 @@ fn columns_that_are_missing_or_texts_are_named() {
             Column::new("z_im_ohm".into(), ["-1"]),
         ],
     );
-    let told = all(&path).unwrap_err().to_string();
+    let message = all(&path).unwrap_err().to_string();
     assert!(
-        told.ends_with("expected a column z_im_ohm of numbers, met String"),
-        "{told}"
+        message.ends_with("expected a column z_im_ohm of numbers, met String"),
+        "{message}"
     );
 }
 

@@ -131,8 +131,8 @@ pub(super) fn write_columns(
 pub(super) fn read_parquet<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let (frame, _) = read_frame(path)?;
     let column = |(index, spec): (usize, &ColumnSpec)| {
-        let told = index < R::NEEDED || frame.column(spec.name).is_ok();
-        if told {
+        let is_present = index < R::NEEDED || frame.column(spec.name).is_ok();
+        if is_present {
             numbers(path, &frame, spec)
         } else {
             Ok(vec![f64::NAN; frame.height()])

@@ -185,8 +185,8 @@ fn elchemea(path: &Path, text: &str) -> Option<Read> {
         .take_while(|(_, line)| is_row(line))
         .count();
     let head = filled.len().checked_sub(points + 1)?;
-    let told: usize = filled.get(head)?.1.trim().parse().ok()?;
-    if points == 0 || told != points {
+    let stated: usize = filled.get(head)?.1.trim().parse().ok()?;
+    if points == 0 || stated != points {
         return None;
     }
     let rows = filled[head + 1..].iter().filter_map(|(at, line)| {

@@ -61,12 +61,12 @@ const PROGRAMS: [Program; 7] = [
 pub(super) fn nearest(bytes: &[u8]) -> String {
     let decoded = String::from_utf8_lossy(bytes);
     let lines: Vec<&str> = decoded.lines().map(str::trim_end).collect();
-    let told = of_program(&lines)
+    let found = of_program(&lines)
         .or_else(|| of_columns(&lines))
         .or_else(|| of_series(&lines))
         .or_else(|| of_list(&lines));
-    told.map_or_else(String::new, |told| {
-        format!("; the nearest reader is {told}")
+    found.map_or_else(String::new, |reader| {
+        format!("; the nearest reader is {reader}")
     })
 }
 

@@ -125,25 +125,25 @@ fn without_indentation(bytes: &[u8]) -> Vec<u8> {
 /// Returns the text of a sheet. Cells of the newer formats are read one by one, so that two cells
 /// at opposite corners of a sheet do not allocate a table of 17 thousand million fields.
 fn sheet(book: &mut Book<'_>, name: &str) -> Result<String, String> {
-    let told = |error: &dyn std::fmt::Display| error.to_string();
+    let message = |error: &dyn std::fmt::Display| error.to_string();
     match book {
         Sheets::Xlsx(book) => {
             let mut cells = match book.worksheet_cells_reader(name) {
                 Ok(cells) => cells,
                 // A sheet that contains only a chart.
                 Err(XlsxError::NotAWorksheet(_)) => return Ok(String::new()),
-                Err(error) => return Err(told(&error)),
+                Err(error) => return Err(message(&error)),
             };
-            of_cells(|| cells.next_cell().map_err(|error| told(&error)))
+            of_cells(|| cells.next_cell().map_err(|error| message(&error)))
         }
         Sheets::Xlsb(book) => {
             let cells = book.worksheet_cells_reader(name);
-            let mut cells = cells.map_err(|error| told(&error))?;
-            of_cells(|| cells.next_cell().map_err(|error| told(&error)))
+            let mut cells = cells.map_err(|error| message(&error))?;
+            of_cells(|| cells.next_cell().map_err(|error| message(&error)))
         }
         book => {
             let range = book.worksheet_range(name);
-            text(&range.map_err(|error| told(&error))?)
+            text(&range.map_err(|error| message(&error))?)
         }
     }
 }

@@ -156,7 +156,7 @@ pub(super) fn sort(
     for note in &mut notes {
         *note = format!("{file}: {note}");
     }
-    if let Some(note) = told(&all.keys, &restarts, &spectra) {
+    if let Some(note) = separation_note(&all.keys, &restarts, &spectra) {
         notes.insert(0, format!("{file}: {note}"));
     }
     notes.extend(unmeasured.map(|note| format!("{file}: {note}")));
@@ -164,7 +164,11 @@ pub(super) fn sort(
 }
 
 /// Returns a sentence on the values that separated the spectra; `None` if there is only one.
-fn told(keys: &[Key], restarts: &[usize], spectra: &[SourcedSpectrum]) -> Option<String> {
+fn separation_note(
+    keys: &[Key],
+    restarts: &[usize],
+    spectra: &[SourcedSpectrum],
+) -> Option<String> {
     let mut by: Vec<String> = keys
         .iter()
         .map(|key| match key {

@@ -112,7 +112,7 @@ fn columns_may_be_named_and_between_semicolons_a_comma_is_a_decimal_point() {
             .remove(0);
     assert!((sigmas.spectrum.points[0].covariance.re_re.sqrt() - 1.5e-5).abs() < 1.0e-18);
     let mark = "expected one decimal mark in all numbers, a comma or a point, met";
-    for (text, told) in [
+    for (text, message) in [
         (
             "freq_hz;z_re_ohm;z_im_ohm\n1,000;0.5;0\n",
             format!(", line 2: {mark} both in \"1,000;0.5;0\""),
@@ -132,7 +132,7 @@ fn columns_may_be_named_and_between_semicolons_a_comma_is_a_decimal_point() {
     ] {
         let error = read(text).unwrap_err().to_string();
         assert!(
-            error.starts_with(&format!("dir/sweep.csv{told}")),
+            error.starts_with(&format!("dir/sweep.csv{message}")),
             "{error}"
         );
     }

@@ -304,12 +304,12 @@ mod tests {
             assert!(temperature[0] == 25.0 && temperature[1].is_nan());
         }
         let (path, result) = read("x.csv", CYCLER.as_bytes(), SeriesOptions::default());
-        let told = result.unwrap_err().to_string();
+        let message = result.unwrap_err().to_string();
         assert!(
-            told.starts_with(&format!("{path}: its currents are all of one sign")),
-            "{told}"
+            message.starts_with(&format!("{path}: its currents are all of one sign")),
+            "{message}"
         );
-        assert!(told.contains("--positive discharge"), "{told}");
+        assert!(message.contains("--positive discharge"), "{message}");
     }
 
     #[test]

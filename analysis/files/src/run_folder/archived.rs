@@ -151,8 +151,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(moved_captures(folder.path()), Ok(None));
         list().write(folder.path()).unwrap();
-        let told = moved_captures(folder.path()).unwrap().unwrap();
-        assert!(told.contains("captures/cell/a.parquet: moved to the archive s3://lab/eis"));
+        let message = moved_captures(folder.path()).unwrap().unwrap();
+        assert!(message.contains("captures/cell/a.parquet: moved to the archive s3://lab/eis"));
         fs::create_dir_all(folder.path().join("captures/cell")).unwrap();
         fs::write(folder.path().join("captures/cell/a.parquet"), "abc").unwrap();
         assert_eq!(moved_captures(folder.path()), Ok(None));
@@ -162,14 +162,17 @@ mod tests {
     fn another_file_of_this_name_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join(ARCHIVED), "{}").unwrap();
-        let told = Archived::read(folder.path()).unwrap_err();
-        assert!(told.contains("expected a list of archived files"), "{told}");
+        let message = Archived::read(folder.path()).unwrap_err();
+        assert!(
+            message.contains("expected a list of archived files"),
+            "{message}"
+        );
         let newer = Archived {
             schema_version: 2,
             ..list()
         };
         newer.write(folder.path()).unwrap();
-        let told = Archived::read(folder.path()).unwrap_err();
-        assert!(told.contains("version 1, found eis-bench/archived version 2"));
+        let message = Archived::read(folder.path()).unwrap_err();
+        assert!(message.contains("version 1, found eis-bench/archived version 2"));
     }
 }

@@ -1,6 +1,6 @@
 //! The rows of `bath.csv`.
 
-use super::readings::{number, told};
+use super::readings::{format_value, number};
 
 /// The columns of `bath.csv`.
 pub const BATH_COLUMNS: &str = "time_s,bath_c,setpoint_c";
@@ -19,7 +19,8 @@ pub struct BathRow {
 impl BathRow {
     /// The row, without the end of its line.
     pub fn row(&self) -> String {
-        let [bath, setpoint] = [self.bath_degc, self.setpoint_degc].map(|value| told(value, 4));
+        let [bath, setpoint] =
+            [self.bath_degc, self.setpoint_degc].map(|value| format_value(value, 4));
         format!("{:.3},{bath},{setpoint}", self.time_s)
     }
 

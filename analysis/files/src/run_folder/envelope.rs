@@ -1,6 +1,6 @@
 //! The rows of `envelope.csv`.
 
-use super::readings::{number, told};
+use super::readings::{format_value, number};
 
 /// The columns of `envelope.csv`.
 pub const ENVELOPE_COLUMNS: &str =
@@ -40,8 +40,13 @@ pub struct EnvelopeRow {
 impl EnvelopeRow {
     /// The row, without the end of its line.
     pub fn row(&self) -> String {
-        let cells = [self.voltage_v, self.current_a, self.temperature_degc]
-            .map(|between| format!("{},{}", told(between.least, 6), told(between.greatest, 6)));
+        let cells = [self.voltage_v, self.current_a, self.temperature_degc].map(|between| {
+            format!(
+                "{},{}",
+                format_value(between.least, 6),
+                format_value(between.greatest, 6)
+            )
+        });
         format!("{:.3},{}", self.time_s, cells.join(","))
     }
 

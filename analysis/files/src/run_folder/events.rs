@@ -88,10 +88,10 @@ impl<'a> EventRow<'a> {
     /// or all kinds; the kind then follows from the text.
     pub fn parse(row: &'a str) -> Option<Self> {
         let (time, rest) = row.split_once(',')?;
-        let told = rest
+        let with_kind = rest
             .split_once(',')
             .and_then(|(word, text)| Some((Event::of_word(word)?, text)));
-        let (kind, text) = told.map_or((None, rest), |(kind, text)| (Some(kind), text));
+        let (kind, text) = with_kind.map_or((None, rest), |(kind, text)| (Some(kind), text));
         let kind = match kind {
             Some(Event::Bench) | None if text.contains(OUTPUT_ON) => Some(Event::OutputOn),
             _ => kind,

@@ -105,7 +105,7 @@ pub fn map_points_csv(folder: &Path, points: &[MapPoint]) -> String {
         let own = path.strip_prefix(folder).unwrap_or(path);
         own.display().to_string()
     };
-    let told = |value: Option<f64>, digits: usize| {
+    let value_text = |value: Option<f64>, digits: usize| {
         value.map_or_else(String::new, |value| format!("{value:.digits$}"))
     };
     let mut text = format!("{MAP_POINT_COLUMNS}\n");
@@ -116,8 +116,8 @@ pub fn map_points_csv(folder: &Path, points: &[MapPoint]) -> String {
             "{},{:.6},{},{},{:.5},{:.2},{},{}",
             point.number,
             point.soc,
-            told(point.soc_by_ocv, 6),
-            told(point.temperature_degc, 3),
+            value_text(point.soc_by_ocv, 6),
+            value_text(point.temperature_degc, 3),
             point.ocv_v,
             point.charge_coulomb,
             point.spectrum.as_ref().map_or_else(String::new, name),

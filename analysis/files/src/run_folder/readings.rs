@@ -25,9 +25,9 @@ impl<'a> ReadingRow<'a> {
             "{:.3},{},{},{},{}",
             self.time_s,
             self.phase,
-            told(self.voltage_v, 6),
-            told(self.current_a, 6),
-            told(self.temperature_degc, 4)
+            format_value(self.voltage_v, 6),
+            format_value(self.current_a, 6),
+            format_value(self.temperature_degc, 4)
         )
     }
 
@@ -59,7 +59,7 @@ impl<'a> ReadingRow<'a> {
 }
 
 /// Formats a value with this number of decimals; returns an empty text for `None`.
-pub(super) fn told(value: Option<f64>, digits: usize) -> String {
+pub(super) fn format_value(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(String::new, |value| format!("{value:.digits$}"))
 }
 

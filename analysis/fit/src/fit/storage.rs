@@ -125,17 +125,17 @@ pub(super) fn charge_storage(
         v_per_coulomb: mean(|slope| slope.v_per_coulomb),
         sigma_v_per_coulomb: mean(|slope| slope.sigma_v_per_coulomb),
     };
-    let told = problem
+    let deviation = problem
         .common
         .as_ref()
-        .and_then(|common| told(problem, common, fitted));
+        .and_then(|common| slope_deviation(problem, common, fitted));
     let with: Vec<Spectrum> = spectra.iter().map(Spectrum::with_charge_storage).collect();
     let apparent = polish(
         &Problem::new(&with, options.objective),
         fitted.x,
         &log_bounds(options),
     );
-    let (moved, sigma) = told.unwrap_or((0.0, Some(1.0)));
+    let (moved, sigma) = deviation.unwrap_or((0.0, Some(1.0)));
     Some(ChargeStorage {
         v_per_coulomb: given.v_per_coulomb + moved * given.sigma_v_per_coulomb,
         sigma_v_per_coulomb: sigma.map(|sigma| sigma * given.sigma_v_per_coulomb),
@@ -155,7 +155,11 @@ pub(super) struct Fitted<'a> {
 }
 
 /// Returns the deviation of the slope and its standard deviation, in units of the given value.
-fn told(problem: &Problem, common: &Common, fitted: &Fitted<'_>) -> Option<(f64, Option<f64>)> {
+fn slope_deviation(
+    problem: &Problem,
+    common: &Common,
+    fitted: &Fitted<'_>,
+) -> Option<(f64, Option<f64>)> {
     let error = common.names.iter().position(|name| name == OCV_SLOPE)?;
     let (best, _) = common.best(&problem.model(fitted.x));
     let flat = fitted

@@ -8,7 +8,8 @@ pub struct Correction {
     pub(super) values: [f64; COUNT],
     pub(super) covariance: [[f64; COUNT]; COUNT],
     pub(super) prior_sigmas: [f64; COUNT],
-    pub(super) told: [bool; COUNT],
+    #[serde(rename = "told")]
+    pub(super) known: [bool; COUNT],
     /// Sum of squared deviations, each over its standard deviation, per degree of freedom: near 1
     /// if model and noise are right. `None` if nothing was measured.
     pub reduced_chi2: Option<f64>,

@@ -179,12 +179,12 @@ pub(super) fn unmeasured(controls: &Controls<'_>) -> Correction {
     for (index, sigma) in prior_sigmas.iter().enumerate() {
         covariance[index][index] = sigma * sigma;
     }
-    let told = told(controls);
+    let known = known_parameters(controls);
     Correction {
         values,
         covariance,
         prior_sigmas,
-        told,
+        known,
         reduced_chi2: None,
         dof: 0,
         noise_factor: 1.0,
@@ -193,7 +193,7 @@ pub(super) fn unmeasured(controls: &Controls<'_>) -> Correction {
 }
 
 /// Returns which parameters are known: those of controls that were never measured are not.
-fn told(controls: &Controls<'_>) -> [bool; COUNT] {
+fn known_parameters(controls: &Controls<'_>) -> [bool; COUNT] {
     std::array::from_fn(|index| match NAMES[index].2 {
         Source::FakeCell => controls.fake_cell.is_some(),
         Source::Short => controls.short.is_some(),
@@ -217,7 +217,7 @@ pub(super) fn fit(controls: &Controls<'_>) -> Result<Correction, CalibrationErro
         values: problem.values(&solution.x),
         covariance: problem.covariance(&solution.triangle),
         prior_sigmas: problem.sigmas,
-        told: told(controls),
+        known: known_parameters(controls),
         reduced_chi2: Some(reduced_chi2),
         dof,
         noise_factor,

@@ -305,29 +305,29 @@ fn a_folder_that_is_not_what_its_list_says_is_refused_with_the_reason() {
         assert!(place.held().is_empty());
         error.to_string()
     };
-    let told = refused(&|folder| fs::write(folder.join(SPECTRUM), "x").unwrap());
+    let message = refused(&|folder| fs::write(folder.join(SPECTRUM), "x").unwrap());
     assert!(
-        told.contains("one: not archived: spectrum.csv: expected the SHA-256"),
-        "{told}"
+        message.contains("one: not archived: spectrum.csv: expected the SHA-256"),
+        "{message}"
     );
-    let told = refused(&|folder| fs::remove_file(folder.join(SPECTRUM)).unwrap());
+    let message = refused(&|folder| fs::remove_file(folder.join(SPECTRUM)).unwrap());
     assert!(
-        told.contains("spectrum.csv: expected of SHA256SUMS, found none"),
-        "{told}"
+        message.contains("spectrum.csv: expected of SHA256SUMS, found none"),
+        "{message}"
     );
-    let told = refused(&|folder| fs::write(folder.join("x"), "x").unwrap());
+    let message = refused(&|folder| fs::write(folder.join("x"), "x").unwrap());
     assert!(
-        told.contains("x: expected in SHA256SUMS, found in the folder only"),
-        "{told}"
+        message.contains("x: expected in SHA256SUMS, found in the folder only"),
+        "{message}"
     );
-    let told = refused(&|folder| fs::remove_file(folder.join(SUMS)).unwrap());
-    assert!(told.contains("SHA256SUMS: "), "{told}");
-    let told = refused(&|folder| {
+    let message = refused(&|folder| fs::remove_file(folder.join(SUMS)).unwrap());
+    assert!(message.contains("SHA256SUMS: "), "{message}");
+    let message = refused(&|folder| {
         std::os::unix::fs::symlink("/etc/hostname", folder.join("link")).unwrap();
     });
     assert!(
-        told.contains("expected plain files, found \"link\""),
-        "{told}"
+        message.contains("expected plain files, found \"link\""),
+        "{message}"
     );
 }
 

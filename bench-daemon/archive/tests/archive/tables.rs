@@ -25,7 +25,7 @@ fn the_documents_list_every_column_with_its_kind() {
         let head = format!("### `{}`", table.name);
         let (_, section) = text.split_once(&head).unwrap_or_else(|| panic!("{head}"));
         let section = section.split("\n#").next().unwrap();
-        let told: Vec<(&str, &str)> = section.lines().filter_map(row).collect();
+        let documented: Vec<(&str, &str)> = section.lines().filter_map(row).collect();
         let kind = |cells: &Cells| match cells {
             Cells::Numbers(_) => "number",
             Cells::Counts(_) => "whole number",
@@ -35,7 +35,7 @@ fn the_documents_list_every_column_with_its_kind() {
             .columns
             .iter()
             .map(|column| (column.name, kind(&column.cells)));
-        assert_eq!(told, columns.collect::<Vec<_>>(), "{}", table.name);
+        assert_eq!(documented, columns.collect::<Vec<_>>(), "{}", table.name);
     }
 }
 

@@ -122,23 +122,24 @@ fn captures_that_were_moved_are_told_from_captures_that_are_lost() {
     at.ask(&["push"]).expect_code(0);
     at.ask(&["thin", "--captures-after", "1 h"]).expect_code(0);
     assert_eq!(at.captures(), captures, "not due");
-    let told = at.ask(&["thin", "--captures-after", "0 s", "--dry-run"]);
+    let dry_run = at.ask(&["thin", "--captures-after", "0 s", "--dry-run"]);
     assert!(
-        told.stdout
+        dry_run
+            .stdout
             .contains(&format!("{captures} captures of 1 runs would be moved"))
     );
     assert_eq!(at.captures(), captures, "dry");
     at.ask(&["thin", "--captures-after", "0 s"]).expect_code(0);
     assert_eq!(at.captures(), 0);
-    let told = at.on_run("verify").ok();
-    assert!(told.contains("all as they were"), "{told}");
-    assert!(told.contains("nothing was recomputed"), "{told}");
+    let text = at.on_run("verify").ok();
+    assert!(text.contains("all as they were"), "{text}");
+    assert!(text.contains("nothing was recomputed"), "{text}");
     assert!(
-        told.contains("`eis-archive fetch` brings it back"),
-        "{told}"
+        text.contains("`eis-archive fetch` brings it back"),
+        "{text}"
     );
-    let told = at.on_run("replay").expect_code(2).message().to_owned();
-    assert!(told.contains("moved to the archive"), "{told}");
+    let text = at.on_run("replay").expect_code(2).message().to_owned();
+    assert!(text.contains("moved to the archive"), "{text}");
     let catalog = at.files.path("runs.sqlite");
     let runs = at.files.path("data/runs");
     let scanned = bench(&[
@@ -147,42 +148,42 @@ fn captures_that_were_moved_are_told_from_captures_that_are_lost() {
         catalog.as_os_str(),
         runs.as_os_str(),
     ]);
-    let told = &scanned.ok();
-    assert!(told.contains("1 runs, 1 of them read, 0 damaged"), "{told}");
+    let text = &scanned.ok();
+    assert!(text.contains("1 runs, 1 of them read, 0 damaged"), "{text}");
     assert_eq!(at.json(&["push"])["unchanged"], 1);
     assert!(at.json(&["status"])["moved_bytes"].as_u64() > Some(0));
     // A capture that is missing without having been moved is lost.
     let list = fs::read_to_string(at.run().join(ARCHIVED)).unwrap();
     fs::write(at.run().join(ARCHIVED), list.replace("point01", "paint01")).unwrap();
-    let told = at.on_run("verify").expect_code(10).stdout.clone();
-    assert!(told.contains(": missing"), "{told}");
+    let text = at.on_run("verify").expect_code(10).stdout.clone();
+    assert!(text.contains(": missing"), "{text}");
     fs::write(at.run().join(ARCHIVED), list).unwrap();
     at.ask(&["fetch", "first"]).expect_code(0);
     assert_eq!(at.captures(), captures);
-    let told = at.on_run("verify").ok();
-    assert!(told.contains("every number as stored"), "{told}");
+    let text = at.on_run("verify").ok();
+    assert!(text.contains("every number as stored"), "{text}");
 }
 
 #[test]
 fn what_is_wrong_with_an_archive_is_told_with_what_was_expected() {
     let at = Archived::new();
     let message = |words: &[&str], code: i32| at.ask(words).expect_code(code).message().to_owned();
-    let told = message(&["push", "second"], 2);
-    assert!(told.contains("expected the name of a run of"), "{told}");
-    let told = message(&["verify", "first"], 2);
+    let error = message(&["push", "second"], 2);
+    assert!(error.contains("expected the name of a run of"), "{error}");
+    let error = message(&["verify", "first"], 2);
     assert!(
-        told.contains("first: expected a run in the archive, found none"),
-        "{told}"
+        error.contains("first: expected a run in the archive, found none"),
+        "{error}"
     );
-    let told = message(&["fetch", "second", "--out", "x"], 2);
+    let error = message(&["fetch", "second", "--out", "x"], 2);
     assert!(
-        told.contains("expected an archived run or the SHA-256 of one"),
-        "{told}"
+        error.contains("expected an archived run or the SHA-256 of one"),
+        "{error}"
     );
-    let told = message(&["thin"], 2);
+    let error = message(&["thin"], 2);
     assert!(
-        told.contains("thin.captures_after: expected a time"),
-        "{told}"
+        error.contains("thin.captures_after: expected a time"),
+        "{error}"
     );
     fs::write(at.run().join("spectrum.csv"), "x").unwrap();
     message(&["push"], 10);
@@ -219,20 +220,20 @@ fn what_is_wrong_with_an_archive_is_told_with_what_was_expected() {
     ] {
         let begin = if text.starts_with("store") { own } else { "" };
         write_config(&at.files, &format!("{begin}{text}"));
-        let told = message(&["status"], 2);
-        assert!(told.contains(expected), "{told}");
+        let error = message(&["status"], 2);
+        assert!(error.contains(expected), "{error}");
     }
     let keys = at.files.path("keys");
     fs::write(&keys, "aws_access_key_id = x\n").unwrap();
     let text = "data = \"data\"\nstore = \"s3://b\"\nsite = \"n\"\ncredentials_file = \"keys\"";
     write_config(&at.files, text);
-    let told = message(&["push"], 2);
-    assert!(told.contains("with mode 0600, found 0644"), "{told}");
+    let error = message(&["push"], 2);
+    assert!(error.contains("with mode 0600, found 0644"), "{error}");
     fs::set_permissions(&keys, PermissionsExt::from_mode(0o600)).unwrap();
-    let told = message(&["push"], 2);
+    let error = message(&["push"], 2);
     assert!(
-        told.contains("credentials_file: expected aws_secret_access_key in"),
-        "{told}"
+        error.contains("credentials_file: expected aws_secret_access_key in"),
+        "{error}"
     );
 }
 

@@ -141,7 +141,7 @@ impl Bench {
         };
         let text = plain(setpoint_degc.value());
         if !running {
-            return Some(BathLeft::told(format!(
+            return Some(BathLeft::harmless(format!(
                 "the bath ({model}) stands still; its set-point is {text} °C"
             )));
         }
@@ -157,7 +157,7 @@ impl Bench {
         }
         Some(
             match read_sensor(bath, &clock, setpoint_degc, cell_degc).await {
-                SensorReading::Sound(sensor_degc) => BathLeft::told(format!(
+                SensorReading::Sound(sensor_degc) => BathLeft::harmless(format!(
                     "the bath ({model}) goes on: set to {setpoint_degc:.1}, its sensor reads \
                 {sensor_degc:.1}"
                 )),
@@ -221,7 +221,7 @@ async fn read_sensor(
 async fn stopped(bath: &mut Chiller, met: &str) -> BathLeft {
     fresh(bath).await;
     let Err(error) = bath.stop().await else {
-        return BathLeft::told(format!("the bath was stopped, read back, for {met}"));
+        return BathLeft::harmless(format!("the bath was stopped, read back, for {met}"));
     };
     tracing::warn!("bath: {error}");
     for way in bath.zero() {

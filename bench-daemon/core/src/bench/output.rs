@@ -245,7 +245,7 @@ pub struct BathLeft {
 }
 
 impl BathLeft {
-    pub(super) fn told(words: String) -> Self {
+    pub(super) fn harmless(words: String) -> Self {
         Self {
             words,
             astray: false,
@@ -421,11 +421,11 @@ impl SafeReport {
 
     /// Returns the errors of the links, for a log.
     pub fn troubles(&self) -> String {
-        let told = self
+        let troubles = self
             .outputs
             .iter()
             .filter_map(|output| Some(format!("{}: {}", output.role, output.trouble.as_ref()?)));
-        told.collect::<Vec<_>>().join("; ")
+        troubles.collect::<Vec<_>>().join("; ")
     }
 }
 

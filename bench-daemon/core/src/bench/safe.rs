@@ -55,7 +55,7 @@ pub(crate) trait Driven {
     async fn read_current(&mut self) -> Result<Amps, LinkError>;
     fn ways(&self) -> Vec<Way>;
     async fn go_way(&mut self, way: &Way) -> Result<(), LinkError>;
-    async fn told(&mut self) -> Vec<String>;
+    async fn read_bounds(&mut self) -> Vec<String>;
     fn rating_a(&self) -> Amps;
     async fn renew(&mut self);
     async fn in_step(&mut self) -> Result<(), LinkError>;
@@ -88,7 +88,7 @@ macro_rules! drives {
                 self.go(way).await
             }
 
-            async fn told(&mut self) -> Vec<String> {
+            async fn read_bounds(&mut self) -> Vec<String> {
                 self.bounds().await
             }
 
@@ -319,7 +319,7 @@ impl Bench {
         );
         let plain = |ended: Result<(), LinkError>| Output {
             off: ended.is_ok(),
-            trouble: told(ended),
+            trouble: error_message(ended),
             ..Output::default()
         };
         let commands = |ended| match held {
@@ -376,7 +376,7 @@ fn remember(lied: &mut BTreeMap<String, String>, outputs: &mut [Output]) {
     }
 }
 
-fn told(ended: Result<(), LinkError>) -> Option<String> {
+fn error_message(ended: Result<(), LinkError>) -> Option<String> {
     ended.err().map(|error| error.to_string())
 }
 
@@ -480,7 +480,7 @@ async fn found<D: Driven>(
         out_of_step,
         volts: read.as_ref().ok().map(|read| read.0),
         amps: read.as_ref().ok().map(|read| read.1),
-        trouble: told(off).or_else(|| told(read.map(|_| ()))),
+        trouble: error_message(off).or_else(|| error_message(read.map(|_| ()))),
         ..Output::default()
     };
     let quiet = output.off && output.amps.is_some_and(|amps| !flows(amps));
@@ -490,7 +490,7 @@ async fn found<D: Driven>(
     let mut bounds = if drive.is_dropped() || out_of_step {
         Vec::new()
     } else {
-        drive.told().await
+        drive.read_bounds().await
     };
     if bounds.is_empty() {
         bounds.push(format!(
@@ -531,7 +531,7 @@ async fn open_relays(bath: Option<&mut Chiller>) -> Option<Output> {
         off: off.is_ok(),
         by,
         silent,
-        trouble: told(off),
+        trouble: error_message(off),
         ..Output::default()
     })
 }
@@ -638,7 +638,7 @@ mod tests {
             Ok(())
         }
 
-        async fn told(&mut self) -> Vec<String> {
+        async fn read_bounds(&mut self) -> Vec<String> {
             vec!["it is limited to 0 A".to_owned()]
         }
 

@@ -38,8 +38,8 @@ impl Rig<'_> {
         self.recorder.event(Event::Bench, &text)?;
         let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value()
             || own.amps.1.max(-own.amps.0) > limits.current.value();
-        if wider && !self.driving.told {
-            self.driving.told = true;
+        if wider && !self.driving.unlimited_reported {
+            self.driving.unlimited_reported = true;
             self.recorder.warning(&format!(
                 "{text}: beyond the limits of this run only the \
             daemon's readings and a fuse hold it"

@@ -148,7 +148,7 @@ pub(super) struct Driving {
     /// Change of the mean current since the first record, A.
     pub(super) mean_change_a: Amps,
     /// Whether it was reported that the bipolar supply has no limits.
-    pub(super) told: bool,
+    pub(super) unlimited_reported: bool,
     /// Means of the channels without a current through a cell.
     pub(super) zeros: Zeros,
     /// Records that the scope has sent so far.

@@ -254,12 +254,12 @@ mod tests {
         recorder.envelope(&LIMITS);
         recorder.envelope(&LIMITS);
         recorder.envelope(&LIMITS.bounded(Amps(0.1), Amps(1.0)));
-        let told = &rows(&recorder, ENVELOPE)[1..];
+        let written = &rows(&recorder, ENVELOPE)[1..];
         let expected = [
             "2.500000,4.200000,-5.000000,0.100000,,60.000000",
             "2.500000,4.200000,-1.000000,0.100000,,60.000000",
         ];
-        assert_eq!(told, expected);
+        assert_eq!(written, expected);
     }
 
     #[test]

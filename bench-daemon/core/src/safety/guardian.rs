@@ -532,7 +532,7 @@ async fn reach(bench: &config::Bench, connections: &Connections) -> Result<(), G
 
 /// Returns the messages that the daemon sends; the channel closes when the daemon ends.
 fn daemon_messages() -> UnboundedReceiver<String> {
-    let (tell, told) = tokio::sync::mpsc::unbounded_channel();
+    let (tell, messages) = tokio::sync::mpsc::unbounded_channel();
     std::thread::spawn(move || {
         for line in std::io::stdin().lock().lines() {
             let Ok(line) = line else { return };
@@ -541,5 +541,5 @@ fn daemon_messages() -> UnboundedReceiver<String> {
             }
         }
     });
-    told
+    messages
 }

@@ -74,12 +74,12 @@ impl<'a> Examination<'a> {
     /// in the jig. Afterwards the state of the outputs is unknown.
     pub async fn examine(&mut self, fixture: Option<Fixture>, why_not: &str) {
         let outcome = self.off().await;
-        self.told(outcome);
+        self.add_failure(outcome);
         let mut why = why_not.to_owned();
         if let Some(fixture) = fixture {
             if self.findings.stopped().is_none() {
                 let outcome = self.live(fixture).await;
-                self.told(outcome);
+                self.add_failure(outcome);
             }
             if let Some(stopped) = self.findings.stopped() {
                 why = format!("not after {stopped}");
@@ -90,7 +90,7 @@ impl<'a> Examination<'a> {
         self.findings.skip(&left, &why, "");
     }
 
-    fn told(&mut self, outcome: Result<(), BenchError>) {
+    fn add_failure(&mut self, outcome: Result<(), BenchError>) {
         if let Err(error) = outcome {
             let advice = "see that the instrument answers and obeys, then begin again";
             self.findings.add(

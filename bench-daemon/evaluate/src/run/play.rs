@@ -356,15 +356,15 @@ impl Run<'_> {
     /// written.
     fn ended_early(&mut self, identities: &[Identified], how: &str, failure: &Failure) {
         tracing::info!("{how}: {failure}");
-        let told = self.manifest(identities, &format!("{how}: {failure}"));
-        let told = told.and(
+        let recorded = self.manifest(identities, &format!("{how}: {failure}"));
+        let recorded = recorded.and(
             self.recorder
                 .journal(Entry::Ended {
                     how: format!("{how}: {failure}"),
                 })
                 .map_err(Failure::from),
         );
-        if let Err(error) = told {
+        if let Err(error) = recorded {
             tracing::error!("{error}");
         }
     }

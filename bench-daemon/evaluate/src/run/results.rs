@@ -145,10 +145,10 @@ fn evaluate(
     recorder.json(run_folder::BUDGET_JSON, &budget)?;
     let judged = validity::judge(measured, experiment.bench.wiring.shunt.r_ohm);
     let campaign = experiment.campaign.as_ref();
-    let told = campaign
+    let campaign_results = campaign
         .map(|campaign| campaign::write(recorder, experiment, campaign, measured, fits, &judged))
         .transpose()?;
-    let mut text = told.as_ref().map(|told| told.text.clone());
+    let mut text = campaign_results.as_ref().map(|one| one.text.clone());
     if judged.len() > 1 {
         let verdict = validity::verdict(&judged).text;
         text = Some(text.map_or_else(|| verdict.clone(), |text| format!("{text}\n{verdict}")));
@@ -161,7 +161,7 @@ fn evaluate(
             fitted: &fitted,
             budget: &budget,
             judged: &judged,
-            told,
+            campaign_results,
             shown,
         },
     )?;

@@ -156,7 +156,7 @@ const MOST_TOLD: usize = 6;
 
 /// Points that a quality gate has refused, with the reasons.
 pub fn refused_in_words(flagged: &[FlaggedPoint]) -> String {
-    let told = flagged.iter().take(MOST_TOLD).map(|point| {
+    let listed = flagged.iter().take(MOST_TOLD).map(|point| {
         format!(
             "{} Hz ({})",
             significant(point.freq_hz, 5),
@@ -164,7 +164,8 @@ pub fn refused_in_words(flagged: &[FlaggedPoint]) -> String {
         )
     });
     let more = flagged.len().saturating_sub(MOST_TOLD);
-    told.chain((more > 0).then(|| format!("{more} more")))
+    listed
+        .chain((more > 0).then(|| format!("{more} more")))
         .collect::<Vec<_>>()
         .join(", ")
 }

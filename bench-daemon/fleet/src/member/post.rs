@@ -20,7 +20,7 @@ pub(super) struct Post {
     shared: Arc<Shared>,
     /// Revision of its own record, once registered.
     revision: Option<u64>,
-    told: Option<BenchRecord>,
+    reported: Option<BenchRecord>,
     told_s: f64,
     rival: Option<Rival>,
     /// Whether another process has taken the name: the data folder is then not exclusive to this
@@ -40,7 +40,7 @@ impl Post {
         Self {
             shared: shared.clone(),
             revision: None,
-            told: None,
+            reported: None,
             told_s: f64::NEG_INFINITY,
             rival: None,
             is_displaced: false,
@@ -49,7 +49,7 @@ impl Post {
 
     /// Returns the state that was reported last.
     pub(super) fn told_state(&self) -> Option<BenchState> {
-        self.told.as_ref().map(|told| told.state)
+        self.reported.as_ref().map(|record| record.state)
     }
 
     /// Reports the state of the bench if a report is due. Returns whether the bench is
@@ -61,7 +61,11 @@ impl Post {
         let now_s = self.shared.link.clock.now_s();
         let age_s = now_s - self.told_s;
         let is_due = age_s >= self.shared.lease_s / BEATS
-            || (age_s >= CHANGE_S && self.told.as_ref().is_none_or(|told| changed(told, record)));
+            || (age_s >= CHANGE_S
+                && self
+                    .reported
+                    .as_ref()
+                    .is_none_or(|last| changed(last, record)));
         match self.revision {
             Some(_) if !is_due => Ok(true),
             Some(revision) => self.write(record, revision).await,
@@ -74,7 +78,7 @@ impl Post {
     /// # Errors
     /// As [`Self::tell`].
     pub(super) async fn prove(&mut self) -> Result<bool, FleetError> {
-        match (self.told.clone(), self.revision) {
+        match (self.reported.clone(), self.revision) {
             (Some(record), Some(revision)) => self.write(&record, revision).await,
             _ => Ok(false),
         }
@@ -115,7 +119,7 @@ impl Post {
             tracing::info!("fleet: {} is signed on", record.place);
         }
         self.revision = Some(revision);
-        self.told = Some(record.clone());
+        self.reported = Some(record.clone());
         self.told_s = self.shared.link.clock.now_s();
         self.rival = None;
     }
@@ -162,10 +166,10 @@ impl Post {
 }
 
 /// Returns whether a change must be reported at once; passing time alone does not count.
-fn changed(told: &BenchRecord, now: &BenchRecord) -> bool {
+fn changed(reported: &BenchRecord, now: &BenchRecord) -> bool {
     let timeless = |record: &BenchRecord| BenchRecord {
         left_s: None,
         ..record.clone()
     };
-    timeless(told) != timeless(now)
+    timeless(reported) != timeless(now)
 }

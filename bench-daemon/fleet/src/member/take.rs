@@ -81,8 +81,8 @@ impl Member {
             Err(NotTaken::Unfit(words)) => return self.refuse(&claimed, &words).await,
             Err(NotTaken::NotNow(words)) => {
                 self.rest();
-                let told = format!("{} takes nothing now: {words}", self.me.place);
-                self.put_back(&claimed, told).await?;
+                let reason = format!("{} takes nothing now: {words}", self.me.place);
+                self.put_back(&claimed, reason).await?;
                 return Err(FleetError::File(words));
             }
         }

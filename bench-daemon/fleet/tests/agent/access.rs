@@ -66,21 +66,24 @@ fn an_agent_with_a_token_that_lacks_a_scope_or_is_unknown_does_not_begin() {
         files.write_private("agent.token", secret);
         run(&fleet_program(), &["agent", config.to_str().unwrap()]).refused()
     };
-    let told = begin(&token(&files, "weak", "read,operate,energise"));
+    let message = begin(&token(&files, "weak", "read,operate,energise"));
     assert!(
-        told.contains("expected a token with the scopes read,operate,energise,fleet"),
-        "{told}"
+        message.contains("expected a token with the scopes read,operate,energise,fleet"),
+        "{message}"
     );
-    assert!(told.contains("found \"weak\" without fleet"), "{told}");
-    let told = begin("eb_0");
-    assert!(told.contains("refuses the token"), "{told}");
+    assert!(
+        message.contains("found \"weak\" without fleet"),
+        "{message}"
+    );
+    let message = begin("eb_0");
+    assert!(message.contains("refuses the token"), "{message}");
     files.write("agent.token", "eb_0");
     let mode = std::os::unix::fs::PermissionsExt::from_mode(0o644);
     std::fs::set_permissions(files.path("agent.token"), mode).unwrap();
-    let told = run(&fleet_program(), &["agent", config.to_str().unwrap()]).refused();
+    let message = run(&fleet_program(), &["agent", config.to_str().unwrap()]).refused();
     assert!(
-        told.contains("expected a file that only its owner may read"),
-        "{told}"
+        message.contains("expected a file that only its owner may read"),
+        "{message}"
     );
 }
 

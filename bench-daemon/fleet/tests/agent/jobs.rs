@@ -23,13 +23,13 @@ fn a_job_goes_to_the_bench_that_fits_and_its_run_is_as_any_other() {
     let south = Site::start(Files::tiny().second(), &broker, "south");
     let needs = ["--site", "south", "--current", "5 A", "--cell", "A7"];
     let job = broker.submit(&north.files, &needs);
-    let told = broker.wait_for(&job, "done");
-    assert_eq!(told["bench"], "south/second");
+    let record = broker.wait_for(&job, "done");
+    assert_eq!(record["bench"], "south/second");
     let run = format!("demo-{job}");
     let list = south.files.text(&format!("data/runs/{run}/SHA256SUMS"));
-    assert_eq!(told["content_sha256"], sha256(&list), "{told}");
+    assert_eq!(record["content_sha256"], sha256(&list), "{record}");
     assert_eq!(
-        (&told["run"], &told["cell"]),
+        (&record["run"], &record["cell"]),
         (&run.clone().into(), &"A7".into())
     );
     let trail = south.files.text("data/audit.jsonl");
@@ -51,8 +51,8 @@ fn the_other_agent_shows_the_same(broker: &Broker, north: &Site, job: &str) {
     let odd = agent
         .ask("GET /api/v1/fleet/jobs?state=tpyo", "", "")
         .expect(400);
-    let told = "state: expected one of queued, claimed, started, lost, done, failed, cancelled";
-    assert!(odd.text().contains(told), "{}", odd.text());
+    let expected = "state: expected one of queued, claimed, started, lost, done, failed, cancelled";
+    assert!(odd.text().contains(expected), "{}", odd.text());
     let seen = agent.get("/fleet");
     assert_eq!(seen["jobs"]["done"], 1, "{seen}");
     assert_eq!(

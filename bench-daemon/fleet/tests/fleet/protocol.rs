@@ -282,12 +282,12 @@ async fn a_stop_of_all_benches_ends_every_run_and_tells_who_was_not_heard() {
     })
     .await;
     let stopped = lab.people.stop_all("ann", "smoke").await.unwrap();
-    let told: Vec<_> = stopped
+    let outcomes: Vec<_> = stopped
         .iter()
         .map(|one| (one.bench.as_str(), one.kept, one.heard, one.verified))
         .collect();
     assert_eq!(
-        told,
+        outcomes,
         [
             ("b1", true, true, Some(true)),
             ("b2", true, true, Some(true)),
@@ -432,9 +432,9 @@ async fn a_release_that_is_heard_with_a_later_stop_does_not_undo_it() {
         ledger(&machine).contains("fleet release b1: to look at it: held again since")
     })
     .await;
-    let told = ledger(&machine);
-    let stop = told.find("fleet stop b1").unwrap();
-    assert!(stop < told.find("fleet release b1").unwrap(), "{told}");
+    let text = ledger(&machine);
+    let stop = text.find("fleet stop b1").unwrap();
+    assert!(stop < text.find("fleet release b1").unwrap(), "{text}");
     use bench_fleet::LocalBench as _;
     assert!(machine.condition().unwrap().held.is_some());
 }
@@ -538,10 +538,10 @@ async fn a_run_whose_reply_was_lost_is_not_begun_again() {
     let job = lab.submit(&work("work", 1)).await;
     lab.is(&job, JobState::Done).await;
     assert!(!machine.loses_reply.load(Ordering::SeqCst));
-    let told = ledger(&machine);
+    let text = ledger(&machine);
     assert!(
-        told.contains(&format!("fleet begin {job} as work-{job}: begun")),
-        "{told}"
+        text.contains(&format!("fleet begin {job} as work-{job}: begun")),
+        "{text}"
     );
     assert_eq!(witness(&[machine], "work").begins[&job], 1);
 }
@@ -567,9 +567,9 @@ async fn a_bench_whose_server_is_away_is_never_free_and_follows_orders_once_it_i
     assert_eq!(ledger(&machine), "");
     machine.is_away.store(false, Ordering::SeqCst);
     until("both orders", 20.0, async || {
-        let told = ledger(&machine);
-        told.contains("fleet drain b1: to look at it: done")
-            && told.contains("fleet stop b1: to look at it: heard through the broker: done")
+        let text = ledger(&machine);
+        text.contains("fleet drain b1: to look at it: done")
+            && text.contains("fleet stop b1: to look at it: heard through the broker: done")
     })
     .await;
     lab.say("b1", OrderKind::Release).await;

@@ -44,7 +44,7 @@ pub(super) fn quirks(
     instruments: &Instruments,
 ) -> Result<BTreeMap<&'static str, Quirks>, ConfigError> {
     let addressed = instruments.addressed();
-    let mut told = BTreeMap::new();
+    let mut by_role = BTreeMap::new();
     for (role, switches) in raw {
         let Some((role, instrument)) = addressed.iter().find(|(known, _)| known == role) else {
             let roles = addressed
@@ -59,7 +59,7 @@ pub(super) fn quirks(
         };
         let quirks: Quirks = switches.clone().into_iter().collect();
         match mocks::check_quirks(&instrument.model, &quirks) {
-            Ok(_) => told.insert(*role, quirks),
+            Ok(_) => by_role.insert(*role, quirks),
             Err(MakeError::Quirk(error)) => {
                 let reason = format!("{}: {error}", instrument.model);
                 return Err(
@@ -73,7 +73,7 @@ pub(super) fn quirks(
             }
         };
     }
-    Ok(told)
+    Ok(by_role)
 }
 
 /// Unless they are typed: proportional band, K, integral time, window and age of a reading, s.

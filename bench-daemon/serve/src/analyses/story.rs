@@ -83,11 +83,11 @@ pub(super) fn conclusion(
     analysis: &Analysis,
     results: &Path,
 ) -> Option<Conclusion> {
-    let told: Told = serde_json::from_reader(confined_path::open(results, STORY)?).ok()?;
+    let stored: Told = serde_json::from_reader(confined_path::open(results, STORY)?).ok()?;
     let next = experiment(settings, analysis, results);
     Some(Conclusion {
-        verdict: verdict_named(&told.verdict)?,
-        sentence: told.summary,
+        verdict: verdict_named(&stored.verdict)?,
+        sentence: stored.summary,
         next: next.map(|(text, name)| Recommended { name, text }),
     })
 }
@@ -97,22 +97,22 @@ pub(super) fn all(settings: &Settings, analysis: &Analysis, results: &Path) -> V
     let files = confined_path::list(results).unwrap_or_default();
     let stories = files.into_iter().filter_map(|(path, _)| {
         let folder = path.strip_suffix(STORY)?.trim_end_matches('/').to_owned();
-        let told: Told = serde_json::from_reader(confined_path::open(results, &path)?).ok()?;
+        let stored: Told = serde_json::from_reader(confined_path::open(results, &path)?).ok()?;
         let cell = Some(folder.clone()).filter(|folder| !folder.is_empty());
         let next = experiment(settings, analysis, &results.join(&folder));
-        Some(of(&told, cell, next))
+        Some(of(&stored, cell, next))
     });
     stories.collect()
 }
 
-fn of(told: &Told, cell: Option<String>, experiment: Option<(String, String)>) -> Story {
-    let verdict = match told.verdict.as_str() {
+fn of(stored: &Told, cell: Option<String>, experiment: Option<(String, String)>) -> Story {
+    let verdict = match stored.verdict.as_str() {
         "at_noise_floor" => "nothing missing",
         "explained" | "mostly" => "missing",
         "invalid" => "invalid data",
         _ => "cannot tell",
     };
-    let chapter = |heading: &str| told.sections.iter().find(|one| one.heading == heading);
+    let chapter = |heading: &str| stored.sections.iter().find(|one| one.heading == heading);
     let short = |title: &str| {
         let fields = chapter("In short").map(|one| &one.fields);
         let field = fields.into_iter().flatten().find(|(name, _)| name == title);
@@ -157,7 +157,7 @@ fn of(told: &Told, cell: Option<String>, experiment: Option<(String, String)>) -
     Story {
         cell,
         verdict,
-        sentence: told.summary.clone(),
+        sentence: stored.summary.clone(),
         r#where: places,
         what,
         how_sure,
@@ -220,7 +220,7 @@ mod tests {
             ("What to distrust", "the noise"),
             ("What to do next", "a longer pulse"),
         ];
-        let told = Told {
+        let stored = Told {
             program: String::new(),
             verdict: "explained".to_owned(),
             summary: "It is diffusion.".to_owned(),
@@ -230,8 +230,8 @@ mod tests {
                 chapter("How sure", &["9 σ"], &[("Rivals", "none")]),
             ],
         };
-        let story = of(&told, None, Some(("text".to_owned(), "next".to_owned())));
-        let told = |passages: &[Passage]| -> Vec<(String, String)> {
+        let story = of(&stored, None, Some(("text".to_owned(), "next".to_owned())));
+        let fields_of = |passages: &[Passage]| -> Vec<(String, String)> {
             passages
                 .iter()
                 .map(|one| (one.title.clone(), one.text.clone()))
@@ -244,15 +244,15 @@ mod tests {
         };
         assert_eq!(story.verdict, "missing");
         assert_eq!(
-            told(&story.r#where),
+            fields_of(&story.r#where),
             pairs(&[("What disagrees", "after steps"), ("Where", "5 to 60 s")])
         );
         assert_eq!(
-            told(&story.what),
+            fields_of(&story.what),
             pairs(&[("What is missing", "diffusion")])
         );
         assert_eq!(
-            told(&story.how_sure),
+            fields_of(&story.how_sure),
             pairs(&[("How sure", "9 σ"), ("Rivals", "none")])
         );
         assert_eq!(story.next[0].experiment.as_deref(), Some("text"));

@@ -131,12 +131,12 @@ impl Listener {
                 self.server.hub.id(self.number)
             );
         }
-        let told = self.server.hub.after(self.number);
-        if told.lost {
+        let news = self.server.hub.after(self.number);
+        if news.lost {
             self.server.counts.lagged.fetch_add(1, Ordering::Relaxed);
             text.push_str("event: lost\ndata: {}\n\n");
         }
-        for event in &told.events {
+        for event in &news.events {
             let _ = write!(
                 text,
                 "id: {}\nevent: {}\ndata: {}\n\n",

@@ -215,10 +215,10 @@ pub async fn read(
     Path((kind, name)): Path<(FileKind, String)>,
     Query(of): Query<OfVersion>,
 ) -> Result<Json<ShelfFile>, Refusal> {
-    aside(move || told(&app.server.settings, kind, &name, of.version).map(Json)).await
+    aside(move || shelf_file(&app.server.settings, kind, &name, of.version).map(Json)).await
 }
 
-fn told(
+fn shelf_file(
     settings: &Settings,
     kind: FileKind,
     name: &str,
@@ -296,7 +296,7 @@ pub async fn write(
             ShelfError::Io(_) => Refusal::machine(&error),
             _ => Refusal::conflict(error.to_string()),
         })?;
-        told(settings, kind, &name, None).map(Json)
+        shelf_file(settings, kind, &name, None).map(Json)
     })
     .await
 }

@@ -212,8 +212,8 @@ function take(part) {
   part.serialLabel.hidden = choices.length < 2;
   // A cell without serial numbers is identified by its name only.
   const meant = cells.filter((one) => !part.serial.value || one.serial === part.serial.value);
-  const told = (key) => [...new Set(meant.map((one) => one[key]).filter(Boolean))].join(", ");
-  const words = ["batch", "chemistry"].map((key) => (told(key) ? WORDS.identity[key](told(key)) : ""));
+  const valuesOf = (key) => [...new Set(meant.map((one) => one[key]).filter(Boolean))].join(", ");
+  const words = ["batch", "chemistry"].map((key) => (valuesOf(key) ? WORDS.identity[key](valuesOf(key)) : ""));
   text(part.identity, words.join("").trim());
   part.identity.hidden = !part.identity.textContent;
   part.form.hidden = !got.orders.length && !part.serial.value;

@@ -175,8 +175,8 @@ export async function open(parent, address, ctx) {
 
 export function heard(kind, data) {
   if (!view) return;
-  if (kind === "analysis") view.told(data);
-  if (kind === "investigation" && view.toldOf) view.toldOf(data);
+  if (kind === "analysis") view.putAnalysis(data);
+  if (kind === "investigation" && view.putInvestigation) view.putInvestigation(data);
   if (kind === "hello" || kind === "lost") view.reload();
 }
 
@@ -202,8 +202,8 @@ async function openAll(mine, query) {
   const list = analysesTable(mine);
   const form = beginForm(mine, query, (analysis) => list.put(analysis));
   const investigations = investigationList(mine);
-  mine.told = list.put;
-  mine.toldOf = investigations.put;
+  mine.putAnalysis = list.put;
+  mine.putInvestigation = investigations.put;
   mine.reload = () => Promise.all([list.load(), investigations.load()]);
   mine.over = form.over;
   const run = query.get("investigate");
@@ -294,7 +294,7 @@ function analysesTable(mine) {
   // An event that came while the list was on its way is newer than the list.
   const load = async () => {
     const newer = new Set();
-    mine.told = (analysis) => {
+    mine.putAnalysis = (analysis) => {
       newer.add(analysis.id);
       put(analysis);
     };
@@ -700,7 +700,7 @@ async function openOne(mine, id) {
     // An event may report the end without the results.
     if (isOver(analysis) && !analysis.files) mine.reload();
   };
-  mine.told = put;
+  mine.putAnalysis = put;
   mine.put = put;
   mine.over = () => page && page.over();
   mine.reload = async () => {
@@ -724,8 +724,8 @@ async function openInvestigation(mine, id) {
   mine.root.append(heading, el("p", {}, el("a", { href: "#/analyses" }, `← ${WORDS.back}`)), body);
   heading.focus();
   let [page, newer] = [null, null];
-  mine.told = (analysis) => page && page.heard(analysis);
-  mine.toldOf = (one) => {
+  mine.putAnalysis = (analysis) => page && page.heard(analysis);
+  mine.putInvestigation = (one) => {
     if (one.id !== id || view !== mine) return;
     newer = one;
     if (!page) {
@@ -740,7 +740,7 @@ async function openInvestigation(mine, id) {
     try {
       const one = await mine.ctx.get(atInvestigation(id));
       // An event that came meanwhile is newer.
-      if (!newer) mine.toldOf(one);
+      if (!newer) mine.putInvestigation(one);
     } catch (error) {
       if (view === mine && !page) notFound(mine, heading, body, id, error.message);
     }
@@ -750,7 +750,7 @@ async function openInvestigation(mine, id) {
 
 function investigationPart(mine, first, next) {
   const shown = investigationView(first);
-  const cancel = canceller(mine.ctx, first, next, mine.toldOf, OF_INVESTIGATION);
+  const cancel = canceller(mine.ctx, first, next, mine.putInvestigation, OF_INVESTIGATION);
   const node = el("div", {}, shown.node, el("div", { class: "acts" }, cancel.node));
   const update = (one) => {
     shown.update(one);
@@ -812,7 +812,7 @@ function analysisPage(mine, first, heading) {
     el("section", {}, commandLine(first), log.node, measured(mine, first)),
   );
   if (beside) {
-    mine.toldOf = beside.put;
+    mine.putInvestigation = beside.put;
     mine.heardOf = beside.heard;
     mine.loadOf = beside.load;
   }

@@ -342,8 +342,8 @@ function meter(limit, fixture) {
         ? WORDS.beyond(fixed(-margin, digits), by)
         : WORDS.left(fixed(margin, digits), by, end, whose, level === "near");
   const at = value === null ? null : Math.max(0, Math.min(100, (100 * (value - low)) / (greatest - low)));
-  const told = WORDS.meter(quantity, words, range);
-  const scale = el("div", { class: `meter ${level}`, role: "img", "aria-label": told });
+  const label = WORDS.meter(quantity, words, range);
+  const scale = el("div", { class: `meter ${level}`, role: "img", "aria-label": label });
   if (at !== null) {
     const needle = el("i", {});
     needle.style.setProperty("left", `${at}%`);

@@ -392,7 +392,7 @@ function take(got, before) {
   drawFound();
 }
 
-function told(shown) {
+function describeResults(shown) {
   const { from, to } = view.form.elements;
   const nouns = WORDS.nouns[view.kind];
   if (view.found.length) return WORDS.found(view.found.length, view.more, shown, nouns);
@@ -420,7 +420,7 @@ function drawFound() {
   view.results.hidden = !rows.length;
   view.full.hidden = !canTick();
   if (canTick()) text(view.full, isFull ? WORDS.full(most()) : WORDS.hints[view.kind](most()));
-  text(view.said, told(rows.length));
+  text(view.said, describeResults(rows.length));
   view.moreButton.hidden = rows.length >= view.found.length && !view.more;
 }
 

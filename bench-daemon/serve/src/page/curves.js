@@ -149,8 +149,8 @@
     const [value, error] = [ohm / SIZES[unit], sigma / SIZES[unit]];
     const size = error > 0 ? error / 10 : Math.abs(value) / 1e4;
     const places = size > 0 ? Math.max(0, Math.min(9, -Math.floor(Math.log10(size)))) : 0;
-    const told = { value: minus(value.toFixed(places)), sigma: error.toFixed(places), unit };
-    return put(Number.isFinite(sigma) ? s.words.valueSigma : s.words.value, told);
+    const values = { value: minus(value.toFixed(places)), sigma: error.toFixed(places), unit };
+    return put(Number.isFinite(sigma) ? s.words.valueSigma : s.words.value, values);
   }
 
   const doubted = (p) => typeof p.verdict === "string";
@@ -757,10 +757,10 @@
         ]),
       );
     }
-    say(s.status, s.active ? told(s) : s.words.nothing);
+    say(s.status, s.active ? describePoint(s) : s.words.nothing);
   }
 
-  function told(s) {
+  function describePoint(s) {
     const p = activePoint(s);
     const unit = unitOf(magnitude(p));
     return put(s.words.point, {
@@ -1068,9 +1068,9 @@
     s.hidden.delete(s.against);
     draw(s);
     const words = curves.length > 1 ? s.words.fileRead : s.words.fileReadOne;
-    const told = put(words, { file, count: curves.length, name: curves[0].name });
+    const message = put(words, { file, count: curves.length, name: curves[0].name });
     say(s.said, s.compared.textContent);
-    return [told, ...notes].join("\n");
+    return [message, ...notes].join("\n");
   }
 
   function takeOut(s, file) {
@@ -1159,9 +1159,9 @@
     makeTable(s);
     s.fileList = el("div", { class: "cv-files", role: "group", "aria-label": words.files });
     s.fileSaid = el("p", { class: "cv-filesaid", role: "status" });
-    const told = [s.status, s.compared, s.said, el("p", { class: "cv-hint", id }, hint)];
+    const texts = [s.status, s.compared, s.said, el("p", { class: "cv-hint", id }, hint)];
     const files = [s.fileList, s.fileSaid];
-    s.root = el("div", { class: "cv" }, makeTools(s), ...files, s.legend, s.notes, s.area, ...told, s.details);
+    s.root = el("div", { class: "cv" }, makeTools(s), ...files, s.legend, s.notes, s.area, ...texts, s.details);
     parent.append(s.root);
     // In a report `fit` is never called, and a hidden page had no width.
     new ResizeObserver(() => s.area.clientWidth !== s.width && later(s)).observe(s.area);

@@ -181,8 +181,8 @@ const orNone = (ctx, asked, none) =>
 // Fetches the summary of this run: its cells, its verdict and its tags, together with all existing tags.
 async function findCard(ctx, run) {
   const choices = ctx.get("/catalog/choices").catch(() => ({ tags: [] }));
-  const [told, { tags }] = await Promise.all([ctx.get(`/runs/${encodeURIComponent(run)}`), choices]);
-  return { card: told.card, tags };
+  const [reply, { tags }] = await Promise.all([ctx.get(`/runs/${encodeURIComponent(run)}`), choices]);
+  return { card: reply.card, tags };
 }
 function state({ job, now }) {
   if (job && job.ended) return outcome(job.ended);
@@ -1041,8 +1041,8 @@ export async function open(parent, where, ctx) {
 export function heard(kind, data) {
   if (!view) return undefined;
   if (view.waits) {
-    const told = kind === "live" ? data.run && data.run.run : kind === "run" ? data.item.run : "";
-    return told === view.run ? view.again() : undefined;
+    const run = kind === "live" ? data.run && data.run.run : kind === "run" ? data.item.run : "";
+    return run === view.run ? view.again() : undefined;
   }
   const ours = kind === "run" ? data.item.run === view.run : kind === "hello" || kind === "lost";
   if (ours) view.calm.now();

@@ -280,38 +280,38 @@ function leafValue(node) {
   return READ[node.kind](node);
 }
 
-function tableValue(node, path, told) {
-  if (!node.on && !told.all) return undefined;
+function tableValue(node, path, context) {
+  if (!node.on && !context.all) return undefined;
   const byKey = new Map(node.fields.map((field) => [field.key, field]));
   const keys = new Set([...node.order, ...byKey.keys()]);
-  const found = [...keys].map((key) => [key, nodeValue(byKey.get(key), [...path, key], told)]);
+  const found = [...keys].map((key) => [key, nodeValue(byKey.get(key), [...path, key], context)]);
   const there = found.filter(([, value]) => value !== undefined);
   // A section that is off and empty is omitted even with `all`.
   return node.on || there.length ? Object.fromEntries(there) : undefined;
 }
 
-function severalValue(node, path, told) {
-  const values = node.items.map((item, place) => nodeValue(item, [...path, String(place + 1)], told));
+function severalValue(node, path, context) {
+  const values = node.items.map((item, place) => nodeValue(item, [...path, String(place + 1)], context));
   const there = values.filter((value) => value !== undefined);
   // In a list of fixed length all items or none must exist, because otherwise later items would move up.
   if (node.size && there.length)
     node.items.forEach((item, place) => {
-      const missing = values[place] === undefined && !told.wrong.some((one) => one.node === item);
-      if (missing) told.wrong.push({ node: item, path: [...path, String(place + 1)].join("."), code: "missing" });
+      const missing = values[place] === undefined && !context.wrong.some((one) => one.node === item);
+      if (missing) context.wrong.push({ node: item, path: [...path, String(place + 1)].join("."), code: "missing" });
     });
   // An empty list is written if there was one, or if the list is required and was present.
   const empty = node.had && Array.isArray(node.raw) && (node.needed || !node.raw.length);
   return there.length || empty ? there : undefined;
 }
 
-function nodeValue(node, path, told) {
-  if (node.kind === "table") return tableValue(node, path, told);
-  if (node.kind === "tables" || node.kind === "rows") return severalValue(node, path, told);
+function nodeValue(node, path, context) {
+  if (node.kind === "table") return tableValue(node, path, context);
+  if (node.kind === "tables" || node.kind === "rows") return severalValue(node, path, context);
   try {
     return leafValue(node);
   } catch (error) {
     if (!(error instanceof Wrong)) throw error;
-    told.wrong.push({ node, path: path.join("."), code: error.code });
+    context.wrong.push({ node, path: path.join("."), code: error.code });
     return undefined;
   }
 }
@@ -319,9 +319,9 @@ function nodeValue(node, path, told) {
 // Returns the value of a form, and invalid fields: `{value, wrong: [{node, path, code}]}`. With `all`, sections that
 // are switched off are included.
 export function valueOf(model, all = false) {
-  const told = { all, wrong: [] };
-  const value = nodeValue(model, [], told);
-  return { value, wrong: told.wrong };
+  const context = { all, wrong: [] };
+  const value = nodeValue(model, [], context);
+  return { value, wrong: context.wrong };
 }
 
 // Returns whether an integer has more digits than JavaScript can represent: it was parsed inexactly, and must not be

@@ -422,7 +422,7 @@ function part([title, about, none], items, draw) {
   );
 }
 
-const told = (one) => el("div", {}, el("h4", {}, one.title), el("p", { class: "an-text" }, one.text));
+const titledText = (one) => el("div", {}, el("h4", {}, one.title), el("p", { class: "an-text" }, one.text));
 
 function effect(one) {
   const node = el("div", {}, el("h4", {}, one.title));
@@ -451,9 +451,9 @@ export function drawStory(parent, ctx, story) {
     story.cell ? el("h3", {}, WORDS.cell(story.cell)) : el("h3", { class: "an-hidden" }, WORDS.story),
     el("p", { class: `an-verdict ${level}` }, `${sign} ${word}: ${story.sentence}`),
     cautions,
-    part(WORDS.where, story.where, told),
+    part(WORDS.where, story.where, titledText),
     part(WORDS.what, story.what, effect),
-    part(WORDS.sure, story.how_sure, told),
+    part(WORDS.sure, story.how_sure, titledText),
     part(WORDS.next, story.next, (one) => recommended(ctx, one)),
   );
 }
@@ -463,7 +463,7 @@ export function drawStory(parent, ctx, story) {
 let cards = 0;
 
 function recommended(ctx, one) {
-  const card = el("div", { class: "an-next" }, told(one));
+  const card = el("div", { class: "an-next" }, titledText(one));
   if (one.experiment) card.append(...experiment(ctx, one));
   return card;
 }

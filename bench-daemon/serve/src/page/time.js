@@ -106,7 +106,16 @@ const SIGNS = {
 const LIMIT_DASH = [8, 4];
 const BOUND_DASH = [2, 3];
 
-const shown = { run: "", part: "recent", zoom: null, asked: 0, told: null, times: new Map(), charts: [], limits: [] };
+const shown = {
+  run: "",
+  part: "recent",
+  zoom: null,
+  asked: 0,
+  readings: null,
+  times: new Map(),
+  charts: [],
+  limits: [],
+};
 
 const lastOf = (list) => list[list.length - 1];
 const isNumber = (value) => value !== null && value !== undefined;
@@ -120,8 +129,8 @@ const kindOf = (mark) => WORDS.kinds[mark.kind] || mark.kind;
 // What is asked for: the last minutes, the whole run, or a stretch that was chosen with the mouse.
 function query() {
   if (shown.zoom) return `most=${MOST}&from_s=${shown.zoom[0]}&to_s=${shown.zoom[1]}`;
-  if (shown.part === "recent" && shown.told)
-    return `most=${MOST}&from_s=${Math.max(0, shown.told.end_s - RECENT_S)}`;
+  if (shown.part === "recent" && shown.readings)
+    return `most=${MOST}&from_s=${Math.max(0, shown.readings.end_s - RECENT_S)}`;
   return `most=${MOST}`;
 }
 
@@ -153,11 +162,11 @@ function lines(ctx, list) {
 
 // Pauses lie behind the readings, hatched.
 function bands(chart) {
-  if (!shown.told) return;
+  if (!shown.readings) return;
   inside(chart, (ctx, { left, top, width, height }) => {
     ctx.strokeStyle = colour("--note");
     ctx.fillStyle = colour("--noteground");
-    for (const pause of shown.told.pauses) {
+    for (const pause of shown.readings.pauses) {
       const from = Math.max(left, chart.valToPos(pause.from_s, "x", true));
       const to = Math.min(left + width, chart.valToPos(pause.to_s, "x", true));
       if (to <= from) continue;
@@ -252,7 +261,7 @@ function limits(chart, ctx, box, one) {
   if (!BOUNDED.includes(one.key)) return;
   const held = [];
   for (const key of ["least", "greatest"]) {
-    for (const envelope of shown.told.envelopes) {
+    for (const envelope of shown.readings.envelopes) {
       const value = envelope[one.key][key];
       if (!isNumber(value)) continue;
       const from = Math.max(box.left, Math.round(chart.valToPos(envelope.from_s, "x", true)));
@@ -274,7 +283,7 @@ const signs = (one) => ({
     drawClear: [bands],
     draw: [
       (chart) => {
-        if (!shown.told) return;
+        if (!shown.readings) return;
         inside(chart, (ctx, box) => {
           ctx.save();
           limits(chart, ctx, box, one);
@@ -295,7 +304,7 @@ function range(one, low, high) {
   const beyond = BOUNDS_SHARE * (greatest - least);
   const pad = 0.05 * (greatest - least);
   const [lowest, highest] = [least - beyond, greatest + beyond];
-  const envelopes = BOUNDED.includes(one.key) && shown.told ? shown.told.envelopes : [];
+  const envelopes = BOUNDED.includes(one.key) && shown.readings ? shown.readings.envelopes : [];
   for (const envelope of envelopes) {
     const bounds = envelope[one.key];
     if (isNumber(bounds.least) && bounds.least >= lowest) least = Math.min(least, bounds.least - pad);
@@ -359,18 +368,18 @@ function gapOf(times) {
 }
 
 // The readings of one quantity; long gaps between readings are left empty.
-function line(told, key) {
+function line(readings, key) {
   const [times, values] = [[], []];
-  const gap = gapOf(told.time_s);
-  told.time_s.forEach((time, k) => {
-    if (told[key][k] === null) return;
+  const gap = gapOf(readings.time_s);
+  readings.time_s.forEach((time, k) => {
+    if (readings[key][k] === null) return;
     const last = lastOf(times);
     if (times.length && time - last > gap) {
       times.push((last + time) / 2);
       values.push(null);
     }
     times.push(time);
-    values.push(told[key][k]);
+    values.push(readings[key][k]);
   });
   return [times, values];
 }
@@ -404,7 +413,7 @@ export function fitTime() {
 
 // ---- beside the strips --------------------------------------------------------------------------
 
-const valuesOf = (told, { key }) => (key === "bath_c" ? told.bath.bath_c : told[key]).filter(isNumber);
+const valuesOf = (readings, { key }) => (key === "bath_c" ? readings.bath.bath_c : readings[key]).filter(isNumber);
 
 function spread(values, { digits, unit }) {
   if (!values.length) return WORDS.notRead;
@@ -412,29 +421,29 @@ function spread(values, { digits, unit }) {
 }
 
 // Text alternative of the strips for screen readers.
-function words(told) {
-  if (!told.time_s.length && !told.bath.time_s.length) return shown.zoom ? WORDS.nothingHere : WORDS.nothingYet;
-  const of = Object.fromEntries(STRIPS.map((one) => [one.key, spread(valuesOf(told, one), one)]));
-  const setpoint = lastOf(told.bath.setpoint_c);
+function words(readings) {
+  if (!readings.time_s.length && !readings.bath.time_s.length) return shown.zoom ? WORDS.nothingHere : WORDS.nothingYet;
+  const of = Object.fromEntries(STRIPS.map((one) => [one.key, spread(valuesOf(readings, one), one)]));
+  const setpoint = lastOf(readings.bath.setpoint_c);
   if (isNumber(setpoint)) of.bath_c += WORDS.at(fixed(setpoint, 2));
-  const span = told.time_s.length
-    ? WORDS.span(duration(told.time_s[0]), duration(lastOf(told.time_s)))
+  const span = readings.time_s.length
+    ? WORDS.span(duration(readings.time_s[0]), duration(lastOf(readings.time_s)))
     : WORDS.noReading;
-  return WORDS.said(span, of) + WORDS.rows(told.rows, told.whole);
+  return WORDS.said(span, of) + WORDS.rows(readings.rows, readings.whole);
 }
 
 // Describes the letters and lines of the strips as text, for visible events only.
-function legend(told) {
-  const kinds = new Set(told.marks.map((mark) => mark.kind));
+function legend(readings) {
+  const kinds = new Set(readings.marks.map((mark) => mark.kind));
   const item = (sign, text) => el("li", {}, sign, ` ${text}`);
   const rows = Object.entries(SIGNS)
     .filter(([kind]) => kinds.has(kind))
     .map(([kind, [sign]]) => item(el("b", { class: `strip-sign strip-${kind}` }, sign), WORDS.kinds[kind]));
   if (kinds.has("step")) rows.push(item(el("i", { class: "strip-line strip-step" }), WORDS.kinds.step));
-  if (told.pauses.length && !kinds.has("pause"))
+  if (readings.pauses.length && !kinds.has("pause"))
     rows.push(item(el("b", { class: "strip-sign strip-pause" }, SIGNS.pause[0]), WORDS.kinds.pause));
   if (shown.limits.length) rows.push(item(el("i", { class: "strip-line" }), WORDS.limit));
-  if (told.envelopes.length) rows.push(item(el("i", { class: "strip-line strip-bound" }), WORDS.bound));
+  if (readings.envelopes.length) rows.push(item(el("i", { class: "strip-line strip-bound" }), WORDS.bound));
   return rows;
 }
 
@@ -447,12 +456,12 @@ function table(id, caption, heads) {
 const cells = (list) => list.map((value) => el("td", {}, value));
 
 // Least, greatest and last value of each quantity, its limits, and its bounds at the end.
-function numbers(told) {
-  const envelope = lastOf(told.envelopes);
+function numbers(readings) {
+  const envelope = lastOf(readings.envelopes);
   const pair = (bounds, digits) =>
     bounds ? `${minus(bounds.least, digits)} … ${minus(bounds.greatest, digits)}` : WORDS.none;
   return STRIPS.map((one) => {
-    const values = valuesOf(told, one);
+    const values = valuesOf(readings, one);
     const extremes = values.length ? [Math.min(...values), Math.max(...values)] : [null, null];
     const bounded = BOUNDED.includes(one.key);
     const row = [...extremes, lastOf(values)].map((value) => minus(value, one.digits));
@@ -463,13 +472,13 @@ function numbers(told) {
 }
 
 // Lists events, without steps, which are many; a pause with its duration.
-function happened(told) {
+function happened(readings) {
   const text = (mark) => {
-    const pause = mark.kind === "pause" && told.pauses.find((one) => one.from_s === mark.time_s);
+    const pause = mark.kind === "pause" && readings.pauses.find((one) => one.from_s === mark.time_s);
     const of = `${kindOf(mark)}, ${mark.text}`;
     return pause ? WORDS.paused(of, duration(pause.to_s - pause.from_s)) : of;
   };
-  const marks = told.marks.filter((mark) => mark.kind !== "step").slice(-TOLD).reverse();
+  const marks = readings.marks.filter((mark) => mark.kind !== "step").slice(-TOLD).reverse();
   const sign = (mark) => (SIGNS[mark.kind] || [WORDS.none])[0];
   return marks.map((mark) => el("tr", {}, ...cells([duration(mark.time_s), sign(mark), text(mark)])));
 }
@@ -496,37 +505,37 @@ function stretch({ time_s, marks }) {
 }
 
 // Draws each strip in a separate task, so that the page stays responsive.
-async function drawStrips(told) {
-  const [start, end] = stretch(told);
+async function drawStrips(readings) {
+  const [start, end] = stretch(readings);
   for (const { one, chart } of shown.charts) {
     // All strips show one time interval.
-    chart.setData(one.key === "bath_c" ? bathLines(told, end) : line(told, one.key), false);
+    chart.setData(one.key === "bath_c" ? bathLines(readings, end) : line(readings, one.key), false);
     chart.batch(() => {
       chart.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
       chart.setScale("x", { min: start, max: end });
     });
     await new Promise((done) => setTimeout(done));
     // Newer readings have come meanwhile, or another run.
-    if (shown.told !== told) return;
+    if (shown.readings !== readings) return;
   }
 }
 
 async function draw(choose) {
-  const { told } = shown;
+  const { readings } = shown;
   const parent = $("strips");
   if (!shown.charts.length) {
     frame(parent);
     STRIPS.forEach((one) => strip(parent, one, choose));
   }
-  const timesOf = ({ key }) => (key === "bath_c" ? told.bath.time_s : told.time_s);
+  const timesOf = ({ key }) => (key === "bath_c" ? readings.bath.time_s : readings.time_s);
   for (const { one, holder } of shown.charts) holder.hidden = !timesOf(one).length;
   fitTime();
-  $("timesaid").textContent = words(told);
+  $("timesaid").textContent = words(readings);
   $("zoomout").hidden = !shown.zoom;
-  fill($("timekey"), ...legend(told));
-  fill($("timenumbers"), ...numbers(told));
-  fill($("timehappened"), ...happened(told));
-  await drawStrips(told);
+  fill($("timekey"), ...legend(readings));
+  fill($("timenumbers"), ...numbers(readings));
+  fill($("timehappened"), ...happened(readings));
+  await drawStrips(readings);
 }
 
 // Removes the previous run from strips and tables.
@@ -542,7 +551,7 @@ function empty() {
 export async function drawTime(get, run, limits) {
   $("time").hidden = !run;
   if (!run || !uPlot) return;
-  if (shown.run !== run) Object.assign(shown, { run, zoom: null, told: null });
+  if (shown.run !== run) Object.assign(shown, { run, zoom: null, readings: null });
   shown.limits = limits;
   const choose = (stretch) => {
     shown.zoom = stretch;
@@ -558,15 +567,15 @@ export async function drawTime(get, run, limits) {
   }
   const asked = (shown.asked += 1);
   try {
-    if (!shown.told) shown.told = await get(`/runs/${run}/readings?most=8`);
-    const told = await get(`/runs/${run}/readings?${query()}`);
+    if (!shown.readings) shown.readings = await get(`/runs/${run}/readings?most=8`);
+    const readings = await get(`/runs/${run}/readings?${query()}`);
     if (asked !== shown.asked || shown.run !== run) return;
-    told.charge_mah = told.charge_c.map((charge) => (1000 * charge) / AH_C);
-    shown.told = told;
-    shown.times = timesByKind(told.marks);
+    readings.charge_mah = readings.charge_c.map((charge) => (1000 * charge) / AH_C);
+    shown.readings = readings;
+    shown.times = timesByKind(readings.marks);
     await draw(choose);
   } catch {
     // A run without readings; the caller reports a lost server.
-    if (asked === shown.asked && !shown.told) empty();
+    if (asked === shown.asked && !shown.readings) empty();
   }
 }

@@ -15,9 +15,9 @@ pub fn files_of(paths: &[PathBuf], of: &str) -> Result<Vec<PathBuf>, Failure> {
         } else if path.exists() {
             files.push(path.clone());
         } else {
-            let told = path.display();
+            let shown = path.display();
             return Err(Failure::Usage(format!(
-                "{told}: expected a file or a folder, found nothing"
+                "{shown}: expected a file or a folder, found nothing"
             )));
         }
     }

@@ -125,7 +125,7 @@ impl Choice {
                 "not fitted, because it is a control or carries a direct current".to_owned(),
             );
         }
-        let told = refused_in_words(&sourced.flagged);
+        let refusals = refused_in_words(&sourced.flagged);
         if !self.refused_points {
             sourced.leave_out_flagged();
         }
@@ -133,10 +133,10 @@ impl Choice {
             return Ok(sourced);
         }
         let (from_hz, to_hz) = (self.from_hz, self.to_hz);
-        Err(if told.is_empty() {
+        Err(if refusals.is_empty() {
             format!("expected frequencies from {from_hz} to {to_hz} Hz, found none")
         } else {
-            format!("the quality gate refused all points: {told}")
+            format!("the quality gate refused all points: {refusals}")
         })
     }
 }

@@ -107,9 +107,9 @@ pub fn work<I: Items>(
         without_result,
         with_warnings,
     } = totals;
-    let told = if before > 0 { "of the others, " } else { "" };
+    let scope = if before > 0 { "of the others, " } else { "" };
     say!(
-        "{items} {several}; {told}{without_result} without a result, {with_warnings} with warnings"
+        "{items} {several}; {scope}{without_result} without a result, {with_warnings} with warnings"
     );
     say!("written to {}", job.table.display());
     Ok(())

@@ -155,8 +155,8 @@ pub(super) fn run(shown: &RunShown) {
     for one in &shown.diagnoses {
         let cell = one.cell.as_ref();
         let cell = cell.map_or_else(String::new, |cell| format!("{cell}: "));
-        let told = one.damage.as_ref().unwrap_or(&one.summary);
-        say!("diagnosis   {}  {cell}{told}", one.folder);
+        let words = one.damage.as_ref().unwrap_or(&one.summary);
+        say!("diagnosis   {}  {cell}{words}", one.folder);
     }
 }
 
@@ -171,11 +171,11 @@ fn cell(cell: &CatalogCell) {
         ("chemistry", &cell.chemistry),
         ("term", &cell.term),
     ];
-    let told = facts.iter().filter_map(|(name, fact)| {
+    let known = facts.iter().filter_map(|(name, fact)| {
         let fact = fact.as_ref()?;
         Some(format!("; {name} {fact}"))
     });
-    say!("cell        {}{}", named(cell), told.collect::<String>());
+    say!("cell        {}{}", named(cell), known.collect::<String>());
 }
 
 /// Prints the instruments of a run: role on the bench, model, and the instrument's
@@ -183,8 +183,8 @@ fn cell(cell: &CatalogCell) {
 fn instruments(all: &Value) {
     for one in all.as_array().into_iter().flatten() {
         let facts = ["/role", "/model", "/identity/raw"];
-        let told = facts.map(|fact| one.pointer(fact).and_then(Value::as_str).unwrap_or("-"));
-        say!("instrument  {}", told.join("  "));
+        let texts = facts.map(|fact| one.pointer(fact).and_then(Value::as_str).unwrap_or("-"));
+        say!("instrument  {}", texts.join("  "));
     }
 }
 

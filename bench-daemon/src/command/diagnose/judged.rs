@@ -87,9 +87,9 @@ impl Judged {
         let fail = |text: &str| match &named_model {
             Some(file) => Failure::from(file.complain(text)),
             None if named.model.is_some() => {
-                Failure::Usage(format!("--model {}: {text}", named.told()))
+                Failure::Usage(format!("--model {}: {text}", named.display_name()))
             }
-            None => Failure::Usage(format!("{}: {text}", named.told())),
+            None => Failure::Usage(format!("{}: {text}", named.display_name())),
         };
         let file = match &named_model {
             Some(file) => named.read_named(file)?,
@@ -287,7 +287,7 @@ impl Judged {
     }
 
     /// Returns a path as it is printed.
-    pub(super) fn told(&self, path: &Path) -> String {
+    pub(super) fn printed_path(&self, path: &Path) -> String {
         match self
             .within
             .as_ref()
@@ -301,11 +301,11 @@ impl Judged {
 
     /// Returns the command that repeats this diagnosis.
     pub(super) fn again(&self) -> String {
-        let word = |path: &Path| quoted(Path::new(&self.told(path)));
+        let word = |path: &Path| quoted(Path::new(&self.printed_path(path)));
         let mut text = format!(
             "eis-bench diagnose {}{}",
             word(&self.data),
-            self.named.again(|path| self.told(path))
+            self.named.again(|path| self.printed_path(path))
         );
         if let Some(ocv) = &self.ocv {
             text.push_str(&format!(" --ocv {}", word(ocv)));

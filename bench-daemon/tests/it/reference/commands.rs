@@ -25,10 +25,13 @@ pub(super) fn page(made: &str) -> String {
     for (code, meaning) in &codes {
         text.push_str(&format!("| {code} | {meaning} |\n"));
     }
-    let told: BTreeSet<u8> = codes.iter().map(|(code, _)| *code).collect();
+    let documented: BTreeSet<u8> = codes.iter().map(|(code, _)| *code).collect();
     let mut returned = returned_codes();
     returned.insert(0);
-    assert_eq!(told, returned, "the help against `Failure::exit_code`");
+    assert_eq!(
+        documented, returned,
+        "the help against `Failure::exit_code`"
+    );
     text.push_str(&section("eis-bench", help_text));
     let mut waiting: Vec<Vec<String>> = commands(&whole).into_iter().map(|c| vec![c]).collect();
     waiting.reverse();

@@ -111,14 +111,14 @@ pub(super) fn part(library: &Library, part: &Part<'_>) -> String {
                 Value::Table(structure) => format!("[table](#{})", linked(structure)),
                 Value::Tables(structure) => format!("[list of tables](#{})", linked(structure)),
                 Value::Words(many, words) => {
-                    let (mut all, mut told) = (Vec::new(), String::new());
+                    let (mut all, mut meanings) = (Vec::new(), String::new());
                     for (word, meaning) in words {
                         assert!(!meaning.is_empty(), "{}: {word}: no doc comment", key.name);
                         short(&meaning);
-                        told.push_str(&format!("* `{word}`: {meaning}\n"));
+                        meanings.push_str(&format!("* `{word}`: {meaning}\n"));
                         all.push(format!("`{word}`"));
                     }
-                    lists.push_str(&format!("\nValues of `{}`:\n\n{told}", key.name));
+                    lists.push_str(&format!("\nValues of `{}`:\n\n{meanings}", key.name));
                     format!("{many}one of {}", all.join(", ")).replace("list of one of", "list of")
                 }
             };

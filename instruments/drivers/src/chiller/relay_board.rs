@@ -117,7 +117,7 @@ impl Dialect for RelayBoard {
             .split_last()
             .filter(|(_, payload)| payload.len() == 8)?;
         let raw = i16::from_le_bytes([*payload.first()?, *payload.get(1)?]);
-        let told: f64 = words
+        let stated: f64 = words
             .iter()
             .find_map(|word| word.strip_prefix("t="))?
             .parse()
@@ -125,7 +125,7 @@ impl Dialect for RelayBoard {
         let celsius = f64::from(raw) / 16.0;
         let sound = words.contains(&"YES")
             && sum_of(payload) == *sum
-            && (told / 1000.0 - celsius).abs() < 2.0e-3
+            && (stated / 1000.0 - celsius).abs() < 2.0e-3
             && raw != POWER_ON;
         sound.then_some(celsius)
     }
@@ -162,7 +162,7 @@ mod tests {
     #[test]
     fn a_reading_is_believed_only_when_bytes_sum_and_number_agree() {
         let of =
-            |first: &str, told: &str| format!("{first} 01 4b 46 7f ff 0e 10 57 : crc=57 {told}");
+            |first: &str, rest: &str| format!("{first} 01 4b 46 7f ff 0e 10 57 : crc=57 {rest}");
         for (answer, celsius) in [
             (
                 of("72", "YES 72 01 4b 46 7f ff 0e 10 57 t=23125"),

@@ -365,7 +365,7 @@ mod tests {
         },
     ];
 
-    fn told(question: &str, expect: &Expect, answer: &str) -> Option<String> {
+    fn difference(question: &str, expect: &Expect, answer: &str) -> Option<String> {
         Differs::of(SETTINGS, question, expect, answer).map(|differs| differs.to_string())
     }
 
@@ -441,18 +441,21 @@ mod tests {
                 "its set-point is 70 °C, this run set 25 °C",
             ),
         ] {
-            assert_eq!(told(question, &expect, answer).as_deref(), Some(words));
+            assert_eq!(
+                difference(question, &expect, answer).as_deref(),
+                Some(words)
+            );
         }
         let fields = Expect::Fields(vec![("AMP", 2.0, 0.01), ("OFST", 0.01, 0.01)]);
         assert_eq!(
-            told("C1:BSWV?", &fields, "AMP,4V,OFST,0V").as_deref(),
+            difference("C1:BSWV?", &fields, "AMP,4V,OFST,0V").as_deref(),
             Some("its amplitude is 4 Vpp, this run set 2 Vpp")
         );
         assert_eq!(
-            told("C1:BSWV?", &fields, "AMP,2V,OFST,1V").as_deref(),
+            difference("C1:BSWV?", &fields, "AMP,2V,OFST,1V").as_deref(),
             Some("its offset is 1 V, this run set at most 0.02 V")
         );
-        assert_eq!(told("OUTP1?", &Expect::Switch(true), "ON"), None);
+        assert_eq!(difference("OUTP1?", &Expect::Switch(true), "ON"), None);
     }
 
     /// Checks that each dialect has a description for each reply that a read-back may return.

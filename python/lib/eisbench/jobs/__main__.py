@@ -55,15 +55,15 @@ def _common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rows", type=int, default=ROWS, help="rows of a shard")
 
 
-def _task(told: Any) -> AnyTask:
-    if told.task == "replay":
+def _task(options: Any) -> AnyTask:
+    if options.task == "replay":
         return replay()
-    if told.task == "diagnose":
-        return diagnose(told.rc, base_only=told.base_only)
-    if told.task == "kk":
-        return kk(drt=told.drt)
-    words = {"objective": told.objective, "ocv_slope": told.ocv_slope}
-    return fit(told.rc, circuit=told.circuit, seed=told.seed, starts=told.starts, **words)
+    if options.task == "diagnose":
+        return diagnose(options.rc, base_only=options.base_only)
+    if options.task == "kk":
+        return kk(drt=options.drt)
+    words = {"objective": options.objective, "ocv_slope": options.ocv_slope}
+    return fit(options.rc, circuit=options.circuit, seed=options.seed, starts=options.starts, **words)
 
 
 def _progress(done: int, of: int) -> None:
@@ -82,12 +82,12 @@ def _session(engine: str) -> None:
 
 def main(words: Optional[list[str]] = None) -> int:
     """Plays a command line; gives its exit code."""
-    told = _parser().parse_args(words)
+    options = _parser().parse_args(words)
     shown = _progress if sys.stderr.isatty() else None
     try:
-        _session(told.engine)
-        how = {"engine": told.engine, "workers": told.workers, "rows": told.rows}
-        done = run(_task(told), told.spectra, told.out, progress=shown, **how)
+        _session(options.engine)
+        how = {"engine": options.engine, "workers": options.workers, "rows": options.rows}
+        done = run(_task(options), options.spectra, options.out, progress=shown, **how)
     except (EisError, ImportError) as error:
         sys.stderr.write(f"eisbench.jobs: {error}\n")
         return 1

@@ -37,9 +37,9 @@ class Job:
         folder.keep(shard, table)
         return int(table.num_rows)
 
-    def told(self, told: str) -> dict[str, Any]:
+    def do_json(self, text: str) -> dict[str, Any]:
         """Does the shard of a JSON text; gives what was done as a row."""
-        shard = Shard.read(json.loads(told))
+        shard = Shard.read(json.loads(text))
         try:
             return {"shard": shard.name, "error": None, "rows": self.do(shard)}
         except EisError as error:
@@ -67,8 +67,8 @@ class _Count:
     def end(self) -> None:
         """Raises EisError where a shard could not be done."""
         if self._errors:
-            told = "; ".join(self._errors[:3])
-            raise EisError(f"{len(self._errors)} of {self._all} shards cannot be done: {told}")
+            reasons = "; ".join(self._errors[:3])
+            raise EisError(f"{len(self._errors)} of {self._all} shards cannot be done: {reasons}")
 
 
 def local(
@@ -84,7 +84,7 @@ def local(
             while True:
                 # No more than a few wait in the pool: Ctrl-C ends the job after those in work.
                 while len(going) < 2 * threads and (shard := next(waiting, None)) is not None:
-                    going.add(pool.submit(job.told, json.dumps(shard.told())))
+                    going.add(pool.submit(job.do_json, json.dumps(shard.as_dict())))
                 if not going:
                     break
                 done, going = wait(going, return_when=FIRST_COMPLETED)
@@ -108,11 +108,11 @@ def ray(
     if not todo:
         return
     count = _Count(len(todo), progress)
-    rows = [{"told": json.dumps(shard.told())} for shard in todo]
+    rows = [{"text": json.dumps(shard.as_dict())} for shard in todo]
     given = sets.from_items(rows, override_num_blocks=len(rows))
 
     def do(row: dict[str, str]) -> dict[str, Any]:
-        return job.told(row["told"])
+        return job.do_json(row["text"])
 
     done = given.map(do, num_cpus=1, concurrency=workers)
     for row in done.iter_rows():
@@ -130,9 +130,9 @@ def spark(
     if not todo:
         return
     count = _Count(len(todo), progress)
-    rows = [(json.dumps(shard.told()),) for shard in todo]
+    rows = [(json.dumps(shard.as_dict()),) for shard in todo]
     parallel = session.sparkContext.parallelize(rows, workers or len(rows))
-    given = session.createDataFrame(parallel, "told string")
+    given = session.createDataFrame(parallel, "text string")
     done = given.mapInArrow(batches_of(job), "shard string, error string, rows bigint")
     for row in done.collect():
         count.add(row["error"])
@@ -146,7 +146,7 @@ def batches_of(job: Job) -> Callable[[Iterator[Any]], Iterator[Any]]:
         pa = arrow()
         kinds = {"shard": pa.string(), "error": pa.string(), "rows": pa.int64()}
         for batch in batches:
-            rows = [job.told(told) for told in batch.column(0).to_pylist()]
+            rows = [job.do_json(text) for text in batch.column(0).to_pylist()]
             yield pa.RecordBatch.from_pylist(rows, schema=pa.schema(kinds))
 
     return do

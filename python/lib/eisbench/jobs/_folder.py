@@ -43,7 +43,7 @@ class JobFolder:
 
         Raises EisError for the folder of another task, and for one of something else.
         """
-        told = {
+        record = {
             "format": _FORMAT,
             "version": _VERSION,
             "task": self.task.kind,
@@ -52,12 +52,12 @@ class JobFolder:
             "task_sha256": self.task.sha256,
         }
         if not self.place.has(JOB):
-            self._json(JOB, told)
+            self._json(JOB, record)
             return
         known = job_of(self.place)
         if known["task_sha256"] != self.task.sha256:
             text = "{task} by version {program} with {parameters}"
-            met, expected = text.format(**known), text.format(**told)
+            met, expected = text.format(**known), text.format(**record)
             raise EisError(f"{self.place.at(JOB)}: expected {expected}, met {met}")
 
     def has(self, shard: Shard) -> bool:
@@ -89,7 +89,7 @@ class JobFolder:
             "errors": table.num_rows - int(table["error"].null_count),
             "sha256": self._sha256(TABLE),
             "shards": [
-                {**shard.told(), "rows": part.num_rows} for shard, part in zip(shards, parts)
+                {**shard.as_dict(), "rows": part.num_rows} for shard, part in zip(shards, parts)
             ],
         }
         self._json(MANIFEST, manifest)
@@ -107,8 +107,8 @@ class JobFolder:
                     "without this file the job does the shard again"
                 ) from None
 
-    def _json(self, name: str, told: Any) -> None:
-        text = json.dumps(told, indent=1, sort_keys=True) + "\n"
+    def _json(self, name: str, content: Any) -> None:
+        text = json.dumps(content, indent=1, sort_keys=True) + "\n"
         self.place.put(name, lambda stream: stream.write(text.encode()))
 
     def _sha256(self, name: str) -> str:
@@ -126,10 +126,10 @@ def job_of(place: Place) -> dict[str, Any]:
     """
     where = place.at(JOB)
     try:
-        told: Any = json.loads(place.read(JOB))
+        record: Any = json.loads(place.read(JOB))
     except ValueError as error:
         raise EisError(f"{where}: expected JSON: {error}") from None
-    known = cast("dict[str, Any]", told) if isinstance(told, dict) else {}
+    known = cast("dict[str, Any]", record) if isinstance(record, dict) else {}
     if known.get("format") != _FORMAT or known.get("version") != _VERSION:
         met = f"{known.get('format')!r}, version {known.get('version')!r}"
         raise EisError(f"{where}: expected {_FORMAT!r}, version {_VERSION}, met {met}")

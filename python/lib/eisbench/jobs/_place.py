@@ -21,9 +21,9 @@ def _files() -> Any:
 class Place:
     """A folder: a path, or an address that pyarrow knows, such as ``s3://bucket/folder``."""
 
-    def __init__(self, told: PathLike, path: Optional[str] = None) -> None:
+    def __init__(self, address: PathLike, path: Optional[str] = None) -> None:
         files = _files()
-        text = os.fspath(told)
+        text = os.fspath(address)
         self.address = text if "://" in text else str(Path(text).absolute())
         if "://" in text:
             self.system, self.path = files.FileSystem.from_uri(text)

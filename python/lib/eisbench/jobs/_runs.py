@@ -75,8 +75,8 @@ class RunTask:
     @property
     def sha256(self) -> str:
         """SHA-256 of kind, parameters and version of the program."""
-        told = {"task": self.kind, "program": self.program, "parameters": self.parameters}
-        return hashlib.sha256(canonical(told).encode()).hexdigest()
+        identity = {"task": self.kind, "program": self.program, "parameters": self.parameters}
+        return hashlib.sha256(canonical(identity).encode()).hexdigest()
 
     def shards(self, place: Place, files: list[str], _rows: int) -> list[Shard]:
         """One shard for each run."""
@@ -100,10 +100,10 @@ class RunTask:
         return self._table("", [], "").schema
 
     def _rows(self, folder: Path) -> list[dict[str, Any]]:
-        told: dict[str, Any] = json.loads(self.parameters)
+        parameters: dict[str, Any] = json.loads(self.parameters)
         if self.kind == "replay":
             return _replayed(folder)
-        return _diagnosed(folder, int(told["rc"]), bool(told["base_only"]))
+        return _diagnosed(folder, int(parameters["rc"]), bool(parameters["base_only"]))
 
     def _table(self, run: str, rows: list[dict[str, Any]], input_sha256: str) -> Any:
         pa = arrow()
@@ -147,8 +147,8 @@ def version_of() -> str:
 
 def _play(*words: PathLike) -> subprocess.CompletedProcess[str]:
     try:
-        told = [_program(), *(os.fspath(word) for word in words)]
-        return subprocess.run(told, capture_output=True, text=True, check=False)
+        command = [_program(), *(os.fspath(word) for word in words)]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
         expected = f"expected the program eis-bench on the path or in {PROGRAM}"
         raise EisError(f"{_program()}: {expected}: {error}") from None
@@ -158,8 +158,8 @@ def restore(place: Place, name: str, folder: Path) -> str:
     """Writes the files of a run of a store into a folder, each held against its hash; the run."""
     where = place.at(name)
     try:
-        told: dict[str, Any] = json.loads(place.read(name))
-        run, files = str(told["run_sha256"]), cast("list[dict[str, Any]]", told["files"])
+        record: dict[str, Any] = json.loads(place.read(name))
+        run, files = str(record["run_sha256"]), cast("list[dict[str, Any]]", record["files"])
         named = [(str(one["path"]), str(one["sha256"])) for one in files]
     except (ValueError, KeyError, TypeError) as error:
         raise EisError(f"{where}: expected the list of a run: {error!r}") from None
@@ -179,10 +179,10 @@ def restore(place: Place, name: str, folder: Path) -> str:
 def _replayed(folder: Path) -> list[dict[str, Any]]:
     done = _play("replay", folder, "--json")
     try:
-        (told,) = json.loads(done.stdout)
+        (record,) = json.loads(done.stdout)
     except ValueError:
         return [{"error": _reason(done, folder)}]
-    return [{**told, "changed_spectra": canonical(told["changed_spectra"]), "error": None}]
+    return [{**record, "changed_spectra": canonical(record["changed_spectra"]), "error": None}]
 
 
 def _diagnosed(folder: Path, rc: int, base_only: bool) -> list[dict[str, Any]]:
@@ -202,8 +202,8 @@ def _diagnosed(folder: Path, rc: int, base_only: bool) -> list[dict[str, Any]]:
 
 def _reason(done: subprocess.CompletedProcess[str], folder: Path) -> Optional[str]:
     lines = done.stderr.strip().splitlines()
-    told = lines[-1] if lines else f"ended with code {done.returncode}"
-    return _without(told, folder)
+    reason = lines[-1] if lines else f"ended with code {done.returncode}"
+    return _without(reason, folder)
 
 
 def _without(text: Optional[str], folder: Path) -> Optional[str]:
@@ -211,7 +211,7 @@ def _without(text: Optional[str], folder: Path) -> Optional[str]:
     return None if text is None else text.replace(f"{folder}/", "").replace(str(folder), "run")
 
 
-def _value(kind: str, told: Any) -> Any:
-    if told is None or kind == "text":
-        return told
-    return int(told) if kind == "count" else float(told)
+def _value(kind: str, value: Any) -> Any:
+    if value is None or kind == "text":
+        return value
+    return int(value) if kind == "count" else float(value)

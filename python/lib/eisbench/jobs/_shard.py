@@ -56,17 +56,17 @@ class Shard:
     @staticmethod
     def of(task: HasHash, pieces: tuple[Piece, ...]) -> Shard:
         """The shard of some pieces."""
-        told = {"task_sha256": task.sha256, "pieces": [asdict(piece) for piece in pieces]}
-        return Shard(hashlib.sha256(canonical(told).encode()).hexdigest(), pieces)
+        identity = {"task_sha256": task.sha256, "pieces": [asdict(piece) for piece in pieces]}
+        return Shard(hashlib.sha256(canonical(identity).encode()).hexdigest(), pieces)
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """The shard as JSON."""
         return {"shard": self.name, "pieces": [asdict(piece) for piece in self.pieces]}
 
     @staticmethod
-    def read(told: dict[str, Any]) -> Shard:
-        """The shard from the JSON of :meth:`told`."""
-        return Shard(told["shard"], tuple(Piece(**piece) for piece in told["pieces"]))
+    def read(record: dict[str, Any]) -> Shard:
+        """The shard from the JSON of :meth:`as_dict`."""
+        return Shard(record["shard"], tuple(Piece(**piece) for piece in record["pieces"]))
 
 
 def shards(place: Place, files: list[str], task: HasHash, rows: int = ROWS) -> list[Shard]:
@@ -118,8 +118,8 @@ def _whole(place: Place, file: str) -> Piece:
             raise EisError(f"{place.at(file)}: expected a Parquet file: {error}") from None
     for needed in ("spectrum_id", *POINT_COLUMNS[:3]):
         if needed not in names:
-            told = ", ".join(names)
-            raise EisError(f"{place.at(file)}: expected a column {needed}, met {told}")
+            listed = ", ".join(names)
+            raise EisError(f"{place.at(file)}: expected a column {needed}, met {listed}")
     return Piece(file, sha256.hexdigest(), 0, rows)
 
 
@@ -144,9 +144,9 @@ def _refuse_pieces(shard: Shard, ids: Any) -> None:
     again = np.flatnonzero(np.diff(codes[begins], prepend=-1) < 0)
     if len(again):
         name = ids.dictionary[int(codes[begins[again[0]]])].as_py()
-        told = ", ".join(piece.file for piece in shard.pieces)
+        files = ", ".join(piece.file for piece in shard.pieces)
         expected = "expected the rows of each spectrum one after another"
-        raise EisError(f"{told}: {expected}, met spectrum_id {name!r} again")
+        raise EisError(f"{files}: {expected}, met spectrum_id {name!r} again")
 
 
 def _read(place: Place, piece: Piece) -> Any:
@@ -169,8 +169,8 @@ def partition(file: str) -> dict[str, Optional[str]]:
     """Columns that stand in the path, percent-encoded: ``site=north/bench=b1/…``; none where the
     path says that the value is not known."""
     parts = [part.partition("=") for part in file.split("/")[:-1]]
-    told = {name: urllib.parse.unquote(value) for name, sign, value in parts if sign}
-    return {name: None if value == _UNKNOWN else value for name, value in told.items()}
+    values = {name: urllib.parse.unquote(value) for name, sign, value in parts if sign}
+    return {name: None if value == _UNKNOWN else value for name, value in values.items()}
 
 
 class _Rows:

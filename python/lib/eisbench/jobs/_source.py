@@ -73,8 +73,8 @@ def check_store(place: Place) -> None:
     """Refuses a folder that is not a store of runs, and one of another version."""
     where = place.at("store.json")
     try:
-        told: Any = json.loads(place.read("store.json"))
-        known = (told["format"], told["version"])
+        record: Any = json.loads(place.read("store.json"))
+        known = (record["format"], record["version"])
     except (ValueError, KeyError, TypeError) as error:
         raise EisError(f"{where}: expected format and version of a store: {error!r}") from None
     if known != ("eis-bench store", 1):

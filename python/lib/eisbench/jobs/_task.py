@@ -42,16 +42,16 @@ class Task:
     def sha256(self) -> str:
         """SHA-256 of kind, parameters and version of the program: results of two tasks with the
         same one compare."""
-        told = {"task": self.kind, "program": self.program, "parameters": self.parameters}
-        return hashlib.sha256(canonical(told).encode()).hexdigest()
+        identity = {"task": self.kind, "program": self.program, "parameters": self.parameters}
+        return hashlib.sha256(canonical(identity).encode()).hexdigest()
 
     def columns(self, given: Sequence[Any]) -> dict[str, tuple[str, Any]]:
         """Kind and values of each column of results, on this thread."""
-        told: dict[str, Any] = json.loads(self.parameters)
+        parameters: dict[str, Any] = json.loads(self.parameters)
         if self.kind == "fit":
-            return FitWishes(**told).columns(given, alone=True)
+            return FitWishes(**parameters).columns(given, alone=True)
         if self.kind == "kk":
-            return _eisbench.validity_rows(given, bool(told["drt"]), True)
+            return _eisbench.validity_rows(given, bool(parameters["drt"]), True)
         raise EisError(f"task: expected fit or kk, met {self.kind!r}")
 
     def shards(self, place: Place, files: list[str], rows: int) -> list[Shard]:
@@ -80,7 +80,7 @@ def fit(
     starts: Optional[int] = None,
 ) -> Task:
     """A fit of each spectrum, with the arguments of :func:`eisbench.fit_table`."""
-    told = {
+    parameters = {
         "rc": 0 if circuit is not None else rc if isinstance(rc, str) else int(rc),
         "circuit": circuit,
         "objective": objective,
@@ -88,7 +88,7 @@ def fit(
         "seed": int(seed),
         "starts": None if starts is None else int(starts),
     }
-    return Task("fit", canonical(told))
+    return Task("fit", canonical(parameters))
 
 
 def kk(*, drt: bool = False) -> Task:
@@ -142,8 +142,8 @@ class _Groups:
 def _array(pa: Any, kind: str, values: Any) -> Any:
     if kind == "text":
         return pa.array(values, pa.string())
-    told: NDArray[np.float64] = np.asarray(values, dtype=np.float64)
-    numbers_of_it = pa.array(told, pa.float64(), from_pandas=True)
+    floats: NDArray[np.float64] = np.asarray(values, dtype=np.float64)
+    numbers_of_it = pa.array(floats, pa.float64(), from_pandas=True)
     return numbers_of_it if kind == "number" else numbers_of_it.cast(pa.int64())
 
 
@@ -166,7 +166,7 @@ def _hashes(points: Mapping[str, NDArray[np.float64]], groups: _Groups) -> list[
     found: list[str] = []
     start = 0
     for name, end in zip(groups.names, groups.ends.tolist()):
-        told = name.encode() + b"\0" + rows[start:end].tobytes()
-        found.append(hashlib.sha256(told).hexdigest())
+        content = name.encode() + b"\0" + rows[start:end].tobytes()
+        found.append(hashlib.sha256(content).hexdigest())
         start = end
     return found

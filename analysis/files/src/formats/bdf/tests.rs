@@ -212,8 +212,8 @@ fn metadata_that_are_none_are_refused() {
         ),
     ] {
         std::fs::write(bdf_metadata_path(&path), text).unwrap();
-        let told = read_file(&path).unwrap_err().to_string();
-        assert!(told.contains(words), "{told}");
+        let message = read_file(&path).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
     }
     // As batterydf 0.1.0 names them.
     std::fs::remove_file(bdf_metadata_path(&path)).unwrap();
@@ -300,7 +300,7 @@ fn a_modulus_that_is_not_of_its_parts_is_refused() {
         let rest = [&fields[..3], &[modulus.as_str()], &fields[4..]].concat();
         rest.join(",") + "\n"
     });
-    let told = parse_file(Path::new("x.bdf.csv"), wrong.collect::<String>().as_bytes());
-    let told = told.unwrap_err().to_string();
-    assert!(told.contains("x.bdf.csv, line 2"), "{told}");
+    let result = parse_file(Path::new("x.bdf.csv"), wrong.collect::<String>().as_bytes());
+    let message = result.unwrap_err().to_string();
+    assert!(message.contains("x.bdf.csv, line 2"), "{message}");
 }

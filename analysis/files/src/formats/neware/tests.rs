@@ -94,8 +94,8 @@ fn the_first_auxiliary_channel_is_the_temperature_and_the_others_are_told() {
     }
     assert_eq!(of("neware_130_19.nda")[2], 25.375);
     assert!(of("neware_8.nda").iter().all(|degrees| degrees.is_nan()));
-    let told = "neware_29.nda: of 2 auxiliary channels the temperature of channel 1 is read";
-    assert!(read("neware_29.nda").notes.contains(&told.to_owned()));
+    let expected = "neware_29.nda: of 2 auxiliary channels the temperature of channel 1 is read";
+    assert!(read("neware_29.nda").notes.contains(&expected.to_owned()));
     assert!(
         read("neware_22.nda")
             .notes
@@ -107,11 +107,11 @@ fn the_first_auxiliary_channel_is_the_temperature_and_the_others_are_told() {
 #[test]
 fn a_version_that_is_not_known_is_refused_by_its_number() {
     let refused = |name: &str, bytes: &[u8], words: &str| {
-        let told = text(Path::new(name), bytes)
+        let message = text(Path::new(name), bytes)
             .unwrap()
             .unwrap_err()
             .to_string();
-        assert!(told.contains(words), "{told}");
+        assert!(message.contains(words), "{message}");
     };
     let mut nda = bytes("neware_8.nda");
     nda[14] = 11;

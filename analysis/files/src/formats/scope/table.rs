@@ -66,10 +66,10 @@ pub(super) fn open(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, 
         ));
     }
     let spill = spill(path, header.line, lines, writing, &first)?;
-    let told = spill.interval_s().filter(|_| timed);
+    let from_times = spill.interval_s().filter(|_| timed);
     let Some(interval_s) = header
         .interval_s
-        .or(told)
+        .or(from_times)
         .or(interval_s)
         .filter(|interval_s| *interval_s > 0.0 && interval_s.is_finite())
     else {

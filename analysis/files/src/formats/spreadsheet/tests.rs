@@ -113,7 +113,7 @@ fn packed<'a>(parts: impl Iterator<Item = (&'a str, &'a [u8])>) -> Vec<u8> {
     archive.finish().unwrap().into_inner()
 }
 
-fn told(bytes: &[u8]) -> Result<String, String> {
+fn first_sheet_text(bytes: &[u8]) -> Result<String, String> {
     let mut read = sheets(Path::new("x.xlsx"), bytes)
         .expect("a workbook")
         .map_err(|error| error.to_string())?;
@@ -125,14 +125,14 @@ fn a_workbook_that_claims_more_than_can_be_held_is_refused_or_read_as_what_it_ho
     let plain = "<sst count=\"1\" uniqueCount=\"1\"><si><t>f</t></si></sst>";
     let far = "<dimension ref=\"A1:XFD1048576\"/><sheetData><row r=\"1\"><c r=\"A1\" t=\"s\">\
                <v>0</v></c></row><row r=\"1048576\"><c r=\"XFD1048576\"><v>2</v></c></row></sheetData>";
-    let read = told(&workbook(far, plain)).unwrap();
+    let read = first_sheet_text(&workbook(far, plain)).unwrap();
     assert!(
         read.starts_with("f\n\n") && read.ends_with("\t2\n"),
         "{}",
         read.len()
     );
     let many = plain.replace("uniqueCount=\"1\"", "uniqueCount=\"99999999999999\"");
-    let refused = told(&workbook(far, &many)).unwrap_err();
+    let refused = first_sheet_text(&workbook(far, &many)).unwrap_err();
     assert!(
         refused.contains(
             "x.xlsx: expected a spreadsheet that can be decoded: \
@@ -156,7 +156,7 @@ fn a_workbook_that_claims_more_than_can_be_held_is_refused_or_read_as_what_it_ho
     ];
     let bytes = packed(parts.into_iter());
     assert!(bytes.len() < 10_000, "{}", bytes.len());
-    let refused = told(&bytes).unwrap_err();
+    let refused = first_sheet_text(&bytes).unwrap_err();
     assert!(
         refused.contains("content.xml: its sheets have more than 20000000"),
         "{refused}"
@@ -167,7 +167,7 @@ fn a_workbook_that_claims_more_than_can_be_held_is_refused_or_read_as_what_it_ho
     old.extend([
         0, 2, 14, 0, 0, 0, 0, 0, 0xFF, 0xFF, 0xFF, 0xFF, 0, 0, 0xFF, 0xFF, 0, 0,
     ]);
-    let refused = told(&old).unwrap_err();
+    let refused = first_sheet_text(&old).unwrap_err();
     assert!(
         refused.contains("a sheet that announces 4294967295 rows"),
         "{refused}"

@@ -312,7 +312,7 @@ fn a_measurement_of_zahners_im7_is_a_spectrum_for_each_impedance() {
         (z - Complex64::from_polar(0.0205, -0.2)).norm() < 1e-12,
         "{z}"
     );
-    for (text, told) in [
+    for (text, message) in [
         (zmx(&["a/b"], ""), "the impedance a per b has no unit"),
         (
             zmx(&["a/b"], "Ω").replace("10.2", "1O.2"),
@@ -333,7 +333,7 @@ fn a_measurement_of_zahners_im7_is_a_spectrum_for_each_impedance() {
     ] {
         let met = parsed(&text).unwrap_err().to_string();
         assert!(
-            met.starts_with("a.zmx: expected a Zahner .zmx") && met.contains(told),
+            met.starts_with("a.zmx: expected a Zahner .zmx") && met.contains(message),
             "{met}"
         );
     }

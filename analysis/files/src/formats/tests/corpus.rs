@@ -80,7 +80,7 @@ fn files_of_peers_are_read_whole_or_refused() {
             read.notes
         );
     }
-    for (name, told) in [
+    for (name, message) in [
         ("pyimpspec/data.json", "JSON"),
         (
             "impedance_py/exampleDataBioLogic_MissingFreq.mpt",
@@ -90,7 +90,7 @@ fn files_of_peers_are_read_whole_or_refused() {
         let bytes = std::fs::read(folder.join(name)).unwrap();
         let refused = parse_file(Path::new(name), &bytes).unwrap_err().to_string();
         assert!(
-            refused.starts_with(name) && refused.contains(told),
+            refused.starts_with(name) && refused.contains(message),
             "{refused}"
         );
     }

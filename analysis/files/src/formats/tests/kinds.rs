@@ -42,8 +42,8 @@ fn is_truth(name: &str, text: &str) -> FileSpectra {
 }
 
 fn refused(text: &str, words: &[&str]) {
-    let told = read("x.csv", text).expect_err(text);
-    assert!(words.iter().all(|word| told.contains(word)), "{told}");
+    let message = read("x.csv", text).expect_err(text);
+    assert!(words.iter().all(|word| message.contains(word)), "{message}");
 }
 
 /// A number with a decimal comma.
@@ -204,11 +204,11 @@ fn points_that_are_no_measurement_are_left_out_by_their_line() {
         let met = read("x.csv", &odd(what, head)).unwrap_or_else(|error| panic!("{what}: {error}"));
         assert_eq!(met.spectra[0].spectrum.points.len(), 20, "{what}");
         let line = 5 + usize::from(!head.is_empty());
-        let told = met
+        let is_noted = met
             .notes
             .iter()
             .any(|note| note.contains(&format!("line {line}")));
-        assert!(told, "{what}: {:?}", met.notes);
+        assert!(is_noted, "{what}: {:?}", met.notes);
     }
     refused(
         "f,re,im\n10,0,0\n1,9.9E37,9.9E37\n",
@@ -250,8 +250,8 @@ fn parts_are_held_against_modulus_and_phase() {
         &["\"|Z|/Ohm\" 1000 times"],
     );
     // The name that states a sign takes precedence.
-    let told = "freq / Hz,Z' / Ohm,Z'' / Ohm,Z / Ohm,neg. Phase / °\n";
-    let met = is_truth("x.csv", &text(told, row(-1.0, -1.0, 1.0)));
+    let signed = "freq / Hz,Z' / Ohm,Z'' / Ohm,Z / Ohm,neg. Phase / °\n";
+    let met = is_truth("x.csv", &text(signed, row(-1.0, -1.0, 1.0)));
     assert!(
         met.notes.iter().any(|note| note.contains("taken as −Im Z")),
         "{:?}",

@@ -4,7 +4,7 @@
 use super::{parse, parse_file};
 use std::path::Path;
 
-fn told(name: &str, bytes: &[u8]) -> String {
+fn error_message(name: &str, bytes: &[u8]) -> String {
     parse(Path::new(name), bytes).unwrap_err().to_string()
 }
 
@@ -101,25 +101,25 @@ fn text_of_two_bytes_is_read_as_any_other() {
 #[test]
 fn what_is_wrong_is_told_with_its_line() {
     let cut = autolab().replacen(" 0.02\n", "", 1);
-    assert!(told("a.dfr", cut.as_bytes()).contains("the end of the file"));
+    assert!(error_message("a.dfr", cut.as_bytes()).contains("the end of the file"));
     let wrong = autolab().replacen("0.02", "x", 1);
-    let met = told("a.dfr", wrong.as_bytes());
+    let met = error_message("a.dfr", wrong.as_bytes());
     assert!(
         met.contains("line 14") && met.contains("expected Re Z in Ω"),
         "{met}"
     );
     let negative = autolab().replacen(" 10\n", " -10\n", 1);
-    let met = told("a.dfr", negative.as_bytes());
+    let met = error_message("a.dfr", negative.as_bytes());
     assert!(met.contains("a frequency above 0 Hz"), "{met}");
     let many = autolab().replacen(" 2\n", " 99999999999\n", 1);
-    assert!(told("a.dfr", many.as_bytes()).contains("the end of the file"));
+    assert!(error_message("a.dfr", many.as_bytes()).contains("the end of the file"));
     let json = utf_16(
         "{\"Type\":\"PalmSens.DataFiles.SessionFile\",",
         u16::to_le_bytes,
     );
-    assert!(told("a.pssession", &json).contains("expected JSON"));
+    assert!(error_message("a.pssession", &json).contains("expected JSON"));
     let three = String::from_utf8_lossy(&ivium()).replace("3 \r\n2", "4 \r\n2");
-    assert!(told("a.idf", three.as_bytes()).contains("4 columns"));
+    assert!(error_message("a.idf", three.as_bytes()).contains("4 columns"));
 }
 
 #[test]

@@ -117,7 +117,7 @@ fn units_are_read() {
 
 #[test]
 fn units_that_cannot_be_are_refused_with_their_column() {
-    for (text, told) in [
+    for (text, message) in [
         (
             "f/Hz,Z'/Ohm·cm²,Z''/Ohm·cm²\n1,2,3\n",
             "column 2 (Z'/Ohm·cm²): expected an impedance in Ω, met \"Ohm.cm2\": it is normalised \
@@ -142,7 +142,7 @@ fn units_that_cannot_be_are_refused_with_their_column() {
         ),
     ] {
         let refused = read("x.txt", text).unwrap_err();
-        assert!(refused.contains(told), "{text}: {refused}");
+        assert!(refused.contains(message), "{text}: {refused}");
     }
 }
 
@@ -244,7 +244,7 @@ fn tables_in_one_file_are_spectra_of_their_own() {
 
 #[test]
 fn files_of_other_kinds_are_told_by_their_kind() {
-    for (name, bytes, told) in [
+    for (name, bytes, message) in [
         (
             "a.mpr",
             b"BIO-LOGIC MODULAR FILE\x1a    \x00\xff".as_slice(),
@@ -318,7 +318,7 @@ fn files_of_other_kinds_are_told_by_their_kind() {
     ] {
         let refused = parse(Path::new(name), bytes).unwrap_err().to_string();
         assert!(
-            refused.starts_with(name) && refused.contains(told),
+            refused.starts_with(name) && refused.contains(message),
             "{name}: {refused}"
         );
         assert!(
@@ -330,7 +330,7 @@ fn files_of_other_kinds_are_told_by_their_kind() {
 
 #[test]
 fn a_table_without_a_frequency_or_a_part_is_told_so() {
-    for (text, told) in [
+    for (text, message) in [
         (
             "EC-Lab ASCII FILE\nNb header lines : 3\nRe(Z)/Ohm\t-Im(Z)/Ohm\n1\t2\n",
             "line 3: expected a column of the frequency",
@@ -345,7 +345,7 @@ fn a_table_without_a_frequency_or_a_part_is_told_so() {
         ),
     ] {
         let refused = read("x.mpt", text).unwrap_err();
-        assert!(refused.contains(told), "{text}: {refused}");
+        assert!(refused.contains(message), "{text}: {refused}");
     }
 }
 

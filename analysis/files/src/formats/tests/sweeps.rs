@@ -253,40 +253,40 @@ fn an_order_of_frequencies_that_is_none_is_told_by_its_line() {
     }
     let mut turned = DOWN.to_vec();
     turned.swap(3, 4);
-    let told = |freqs: &[f64]| notes(freqs).join("; ");
+    let remarks = |freqs: &[f64]| notes(freqs).join("; ");
     assert!(
-        told(&turned).contains("the frequency turns in line 6 within one sweep"),
+        remarks(&turned).contains("the frequency turns in line 6 within one sweep"),
         "{}",
-        told(&turned)
+        remarks(&turned)
     );
-    assert!(told(&turned).contains("sorted by frequency") && told(&turned).contains("`kk`"));
+    assert!(remarks(&turned).contains("sorted by frequency") && remarks(&turned).contains("`kk`"));
     turned.swap(6, 7);
     assert!(
-        told(&turned).contains("turns in line 6 and in 1 more within"),
+        remarks(&turned).contains("turns in line 6 and in 1 more within"),
         "{}",
-        told(&turned)
+        remarks(&turned)
     );
     let halves = [&DOWN[4..], &DOWN[..4]].concat();
     assert!(
-        told(&halves).contains("turns in line 7 within"),
+        remarks(&halves).contains("turns in line 7 within"),
         "{}",
-        told(&halves)
+        remarks(&halves)
     );
     let twice = [&DOWN[..5], &DOWN[4..]].concat();
     assert!(
-        told(&twice).contains("a frequency is that of the row before (from line 7)"),
+        remarks(&twice).contains("a frequency is that of the row before (from line 7)"),
         "{}",
-        told(&twice)
+        remarks(&twice)
     );
     // Frequencies that are repeated after others get a separate remark.
     let again = [&DOWN[..5], &DOWN[3..]].concat();
-    assert!(told(&again).contains("2 frequencies are measured again (from line 7)"));
-    assert!(!told(&again).contains("turns"), "{}", told(&again));
+    assert!(remarks(&again).contains("2 frequencies are measured again (from line 7)"));
+    assert!(!remarks(&again).contains("turns"), "{}", remarks(&again));
     // Up and down are two sweeps.
     let back: Vec<f64> = DOWN.iter().chain(DOWN.iter().rev()).copied().collect();
     assert!(
-        !told(&back).contains("turns") && !told(&back).contains("row before"),
+        !remarks(&back).contains("turns") && !remarks(&back).contains("row before"),
         "{}",
-        told(&back)
+        remarks(&back)
     );
 }

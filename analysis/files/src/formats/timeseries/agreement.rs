@@ -127,14 +127,15 @@ pub(super) fn settle(path: &Path, raw: &mut Raw, open: &Open) -> Result<(), Seri
         }
     }
     let plain = [(time, "s"), (open.voltage.as_deref(), "V"), (current, "A")];
-    let told: Vec<String> = plain
+    let assumed: Vec<String> = plain
         .into_iter()
         .filter_map(|(name, unit)| name.map(|name| format!("\"{name}\" in {unit}")))
         .collect();
-    if !told.is_empty() {
-        let told = told.join(", ");
-        raw.notes
-            .push(format!("columns without a unit are taken as usual: {told}"));
+    if !assumed.is_empty() {
+        let assumed = assumed.join(", ");
+        raw.notes.push(format!(
+            "columns without a unit are taken as usual: {assumed}"
+        ));
     }
     Ok(())
 }

@@ -89,8 +89,8 @@ pub(super) fn discharge_positive(raw: &mut Raw, known: Known) -> Result<Vec<f64>
     let words = words(raw);
     let loads = evidence::loads(raw);
     if both {
-        let (told, note) = by_columns(raw, known, &by_words(raw, &words), &by_volts(&loads))?;
-        let currents = turned(told);
+        let (positive, note) = by_columns(raw, known, &by_words(raw, &words), &by_volts(&loads))?;
+        let currents = turned(positive);
         raw.notes.extend(note);
         return Ok(currents);
     }
@@ -110,12 +110,12 @@ pub(super) fn discharge_positive(raw: &mut Raw, known: Known) -> Result<Vec<f64>
             let none = known.stated.is_none()
                 && voted_words.rows == [None; 2]
                 && voted_volts.rows == [None; 2];
-            let (told, note) = if none {
+            let (positive, note) = if none {
                 by_custom(raw, known, beyond(1.0))?
             } else {
                 by_columns(raw, known, &voted_words, &voted_volts)?
             };
-            let currents = turned(told);
+            let currents = turned(positive);
             raw.notes.extend(note);
             Ok(currents)
         }
@@ -230,8 +230,8 @@ fn by_columns(
         ]
         .into_iter()
         .find_map(|(votes, what)| {
-            let told = votes.winner().ok()??;
-            (told != stated).then(|| (what, votes.row(told)))
+            let winner = votes.winner().ok()??;
+            (winner != stated).then(|| (what, votes.row(winner)))
         });
         let note = against.map(|(what, at)| {
             format!(
@@ -259,11 +259,11 @@ fn by_columns(
             );
             Err(Fault::Contradiction(at, met))
         }
-        (Some(told), _) | (None, Some(told)) => {
-            let odd = told == CurrentSign::Discharge && raw.charge_positive;
-            let at = if by_words.is_some() { words.row(told) } else { volts.row(told) };
+        (Some(positive), _) | (None, Some(positive)) => {
+            let odd = positive == CurrentSign::Discharge && raw.charge_positive;
+            let at = if by_words.is_some() { words.row(positive) } else { volts.row(positive) };
             let note = odd.then(|| format!("its currents count discharge positive, as {} shows", row(at)));
-            Ok((told, note))
+            Ok((positive, note))
         }
         (None, None) => Ok((
             CurrentSign::Charge,

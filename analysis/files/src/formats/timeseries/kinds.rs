@@ -57,8 +57,8 @@ fn is_read(name: &str, text: &str) -> ReadSeries {
 }
 
 fn refused(name: &str, text: &str, words: &[&str]) {
-    let told = read(name, text).expect_err(&text[..200]);
-    assert!(words.iter().all(|word| told.contains(word)), "{told}");
+    let message = read(name, text).expect_err(&text[..200]);
+    assert!(words.iter().all(|word| message.contains(word)), "{message}");
 }
 
 fn word(a: f64) -> &'static str {

@@ -169,8 +169,8 @@ impl Table<'_> {
                 Rest::EcLabMode(_) => "EC-Lab's technique OCV",
                 Rest::GamryTag => "Gamry's open-circuit potential (CORPOT)",
             };
-            let told = format!("{program} writes no current: it is 0 A at rest");
-            raw.notes.push(told);
+            let note = format!("{program} writes no current: it is 0 A at rest");
+            raw.notes.push(note);
         }
         let plain = |quantity| {
             let found = self.columns.get(quantity);

@@ -66,14 +66,14 @@ fn each_cycler_is_read_by_its_columns() {
 
 #[test]
 fn arbins_database_is_refused_with_the_command_whose_table_is_read() {
-    let told = read("x.res", b"\0\x01\0\0Standard Jet DB\0 and pages").unwrap_err();
+    let error = read("x.res", b"\0\x01\0\0Standard Jet DB\0 and pages").unwrap_err();
     assert!(
-        told.contains("x.res: expected a record of time, voltage and current, met an Arbin .res"),
-        "{told}"
+        error.contains("x.res: expected a record of time, voltage and current, met an Arbin .res"),
+        "{error}"
     );
     assert!(
-        told.contains("`mdb-export FILE Channel_Normal_Table > FILE.csv`"),
-        "{told}"
+        error.contains("`mdb-export FILE Channel_Normal_Table > FILE.csv`"),
+        "{error}"
     );
     // Columns of Channel_Normal_Table as mdb-export writes them: no units, days since 1900. A rest,
     // 2 A out, a rest.
@@ -129,8 +129,11 @@ fn of_rows_at_one_time_the_last_is_kept() {
 #[test]
 fn currents_without_a_direction_are_not_guessed() {
     let text = "Test Time (s),Current (A),Voltage (V)\n0,2,4.1\n36,2,4.0\n";
-    let told = read("x.txt", text.as_bytes()).unwrap_err();
-    assert!(told.contains("its currents are all of one sign"), "{told}");
+    let message = read("x.txt", text.as_bytes()).unwrap_err();
+    assert!(
+        message.contains("its currents are all of one sign"),
+        "{message}"
+    );
     assert_eq!(
         read("x_discharge.txt", text.as_bytes()).unwrap().current_a,
         [2.0, 2.0]
@@ -139,7 +142,7 @@ fn currents_without_a_direction_are_not_guessed() {
 
 #[test]
 fn what_is_wrong_is_told_with_its_line_in_the_file() {
-    for (text, told) in [
+    for (text, message) in [
         (
             "head\nTest Time (s),Current (A),Voltage (V)\n0,-2,4.1\n36,x,4.0\n",
             "line 4, column 2",
@@ -155,7 +158,7 @@ fn what_is_wrong_is_told_with_its_line_in_the_file() {
         ("Test Time (s),Current (kA),Voltage (V)\n0,1,1\n", "line 1"),
     ] {
         let met = read("x.txt", text.as_bytes()).unwrap_err();
-        assert!(met.contains(told), "{met}\n{text}");
+        assert!(met.contains(message), "{met}\n{text}");
     }
 }
 
@@ -175,7 +178,7 @@ fn names_that_are_units_are_read_where_each_stands_once() {
     ] {
         holds(text);
     }
-    for (text, told) in [
+    for (text, message) in [
         // Two columns are ambiguous.
         (
             "V,µA,V,µA\n1,2,3,4\n1,2,3,4\n",
@@ -198,13 +201,13 @@ fn names_that_are_units_are_read_where_each_stands_once() {
         ),
     ] {
         let met = read("x.txt", text.as_bytes()).unwrap_err();
-        assert!(met.contains(told), "{met}\n{text}");
+        assert!(met.contains(message), "{met}\n{text}");
     }
 }
 
 #[test]
 fn a_refusal_names_the_line_before_the_rows() {
-    for (text, told) in [
+    for (text, message) in [
         (
             // CH Instruments: the current is in the head.
             "Chronopotentiometry\nCurrent Polarity = Potential\nSegment = 2\n\nTime/sec, Potential/V\n\n\
@@ -231,7 +234,7 @@ fn a_refusal_names_the_line_before_the_rows() {
         ),
     ] {
         let met = read("x.txt", text.as_bytes()).unwrap_err();
-        assert!(met.contains(told), "{met}\n{text}");
+        assert!(met.contains(message), "{met}\n{text}");
     }
 }
 

@@ -112,10 +112,10 @@ fn opposite(rows: &[MeasuredRow], beside: &[Beside], phase: &Column) -> Option<u
         let pairs = rows.iter().zip(beside).enumerate();
         let known: Vec<(usize, f64, f64)> = pairs
             .map(|(k, (row, beside))| (k, row.point.z_ohm.arg(), factor * beside.phase))
-            .filter(|(_, of_parts, told)| told.is_finite() && of_parts.abs() > SMALL_RAD)
+            .filter(|(_, of_parts, stated)| stated.is_finite() && of_parts.abs() > SMALL_RAD)
             .collect();
         let close = |a: f64, b: f64| (a - b).abs() < NEAR * a.abs().max(0.1);
-        let opposite = mostly(&known, |(_, of_parts, told)| close(*of_parts, -told));
+        let opposite = mostly(&known, |(_, of_parts, stated)| close(*of_parts, -stated));
         opposite.then(|| known.first().map(|(k, ..)| *k)).flatten()
     })
 }

@@ -95,7 +95,7 @@ impl<'a> Reader<'a> {
                 break;
             }
             let line = self.line(at, &table);
-            match self.told(&line, &table, seen)? {
+            match self.line_kind(&line, &table, seen)? {
                 LineKind::Nothing => {}
                 LineKind::Units => table.take_units(&line.fields, self.path, at + 1)?,
                 LineKind::End => {
@@ -164,7 +164,12 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// Returns an error for a row with an invalid frequency or with too few or too many fields, and
     /// for text before further rows.
-    fn told(&self, line: &Line<'_>, table: &Table, seen: usize) -> Result<LineKind, FormatError> {
+    fn line_kind(
+        &self,
+        line: &Line<'_>,
+        table: &Table,
+        seen: usize,
+    ) -> Result<LineKind, FormatError> {
         if line.filled() == 0 || seen == 0 && self.counts_rows(line, table) {
             return Ok(LineKind::Nothing);
         }
@@ -193,9 +198,9 @@ impl<'a> Reader<'a> {
         let below = line.at - table.line;
         if seen == 0 && below <= UNITS && !self.ends(line.at) {
             // RelaxIS writes the measurement conditions there.
-            let told = line.fields.iter().any(|field| field.contains(['=', ':']));
+            let is_condition = line.fields.iter().any(|field| field.contains(['=', ':']));
             let as_wide = [line.filled(), line.fields.len()].contains(&table.width);
-            return Ok(if as_wide && !told {
+            return Ok(if as_wide && !is_condition {
                 LineKind::Units
             } else {
                 LineKind::Nothing

@@ -97,12 +97,12 @@ fn lists_of_modulus_and_phase_are_read_and_cycles_told_apart() {
     )
     .unwrap();
     let spectra = read_sourced(&path).unwrap();
-    let told: Vec<_> = spectra
+    let cycles: Vec<_> = spectra
         .iter()
         .map(|s| (s.spectrum.name.as_str(), s.spectrum.points[0].z_ohm))
         .collect();
     assert_eq!(
-        told,
+        cycles,
         [
             ("list.txt#cycle1", Complex64::new(1.0, -2.0)),
             ("list.txt#cycle2", Complex64::new(3.0, -4.0))
@@ -195,10 +195,10 @@ fn digatrons_spectra_are_in_milliohms_and_count_once_per_frequency() {
     assert_eq!(points.len(), 3);
     let met = points[2].z_ohm;
     assert!((met - Complex64::new(0.021, 0.001)).norm() < 1e-12, "{met}");
-    let told = read.notes.join("; ");
+    let notes = read.notes.join("; ");
     assert!(
-        told.contains("taken in mΩ") && told.contains("1 rows are left out"),
-        "{told}"
+        notes.contains("taken in mΩ") && notes.contains("1 rows are left out"),
+        "{notes}"
     );
     assert!(crate::formats::names_a_spectrum(&path));
     std::fs::write(&path, DIGATRON.replace("Hz;;;", "Hz;Ohm;Ohm;")).unwrap();

@@ -48,7 +48,7 @@ fn a_slope_beyond_its_prior_is_found_and_told() {
             off.abs() < 3.5 && dc.abs() < 3.5 && sigma < 1e-4,
             "{points} points, {v_per_coulomb}: {storage:?}, {off}; DC {dc} of {sigma}"
         );
-        let told = fit
+        let warned = fit
             .warnings
             .words()
             .iter()
@@ -56,7 +56,7 @@ fn a_slope_beyond_its_prior_is_found_and_told() {
             .count();
         let beyond = (v_per_coulomb - prior.v_per_coulomb) / prior.sigma_v_per_coulomb;
         assert_eq!(
-            told,
+            warned,
             usize::from(beyond > 3.0),
             "{beyond}: {:?}",
             fit.warnings

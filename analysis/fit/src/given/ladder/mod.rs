@@ -132,16 +132,16 @@ impl Bands {
 /// [`LadderError`] for values that are not those of a passive circuit, an invalid band, and a
 /// circuit that no RC ladder follows.
 pub fn follow(circuit: &Circuit, values: &[f64], bands: Bands) -> Result<Followed, LadderError> {
-    let (band_hz, told_hz) = bands.resolve()?;
+    let (band_hz, stated_hz) = bands.resolve()?;
     check_values(circuit, values)?;
     let omega = TAU * band_hz.0..=TAU * band_hz.1;
     let blocks = Blocks::of(circuit, values, &omega);
     let total = |freq_hz: f64| circuit.root().impedance(values, TAU * freq_hz);
     let left_out = blocks.inductive.iter().map(|node| LeftOut {
         block: node.to_string(),
-        freq_hz: told_hz,
-        impedance_ohm: node.impedance(values, TAU * told_hz).norm(),
-        of_ohm: total(told_hz).norm(),
+        freq_hz: stated_hz,
+        impedance_ohm: node.impedance(values, TAU * stated_hz).norm(),
+        of_ohm: total(stated_hz).norm(),
     });
     let left_out: Vec<LeftOut> = left_out.collect();
     let blocking = blocks.blocking(values, *omega.start());

@@ -122,7 +122,7 @@ impl Keeper {
             return Err(GuardianError::Start(std::io::Error::other("no pipes")));
         };
         let (tell, messages) = unbounded_channel();
-        let (goodbye, told) = mpsc::channel();
+        let (goodbye, goodbyes) = mpsc::channel();
         let answers = Arc::new(AtomicU64::new(0));
         std::thread::spawn({
             let (tell, answers) = (tell.clone(), answers.clone());
@@ -136,7 +136,7 @@ impl Keeper {
             answers,
             tell,
         };
-        std::thread::spawn(move || renewal.keep(stdin, &told));
+        std::thread::spawn(move || renewal.keep(stdin, &goodbyes));
         let mut keeper = Self {
             messages,
             goodbye,
@@ -196,18 +196,18 @@ impl Keeper {
 /// [`GuardianError::Busy`] if the guardian does not finish.
 pub async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), GuardianError> {
     let start_s = clock.machine();
-    let mut told = false;
+    let mut reported = false;
     while state.lock_guardian()?.is_none() {
         if clock.machine() - start_s > EARLIER_S.0 {
             return Err(GuardianError::Busy(
                 state.path("guardian.log").display().to_string(),
             ));
         }
-        if !told {
+        if !reported {
             remark!(
                 "the guardian of an earlier run is still switching the bench off: waiting for it"
             );
-            told = true;
+            reported = true;
         }
         clock.sleep_for(EARLIER_S.1).await;
     }

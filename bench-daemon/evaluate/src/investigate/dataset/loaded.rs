@@ -66,7 +66,7 @@ impl Loaded {
         if flagged.is_empty() {
             return;
         }
-        let told = present::refused_in_words(flagged);
+        let refusals = present::refused_in_words(flagged);
         let what = if fitted {
             "are used as requested, although"
         } else {
@@ -78,7 +78,7 @@ impl Loaded {
             "; --refused-points uses them"
         };
         self.notes.push(format!(
-            "{run}: {} of {points} points {what} the quality gate refused them: {told}{asked}",
+            "{run}: {} of {points} points {what} the quality gate refused them: {refusals}{asked}",
             flagged.len()
         ));
         self.refused

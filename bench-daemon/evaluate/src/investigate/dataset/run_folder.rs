@@ -482,8 +482,8 @@ fn told_of(
         .iter()
         .map(|row| (row.averaged_s.0 - row_s, row.averaged_s.1 - row_s))
         .collect();
-    let told = windows.len() == rows && windows.iter().all(|(from_s, to_s)| from_s <= to_s);
-    (stated.then_some(sigma_v), told.then_some(windows))
+    let in_order = windows.len() == rows && windows.iter().all(|(from_s, to_s)| from_s <= to_s);
+    (stated.then_some(sigma_v), in_order.then_some(windows))
 }
 
 fn unreadable(path: &Path, reason: &str) -> ConfigError {

@@ -193,10 +193,10 @@ fn what_contradicts_itself_is_named() {
     let falls: Vec<f64> = series.time_s.iter().map(|t| 0.8 - 3e-4 * t).collect();
     let rises: Vec<f64> = series.time_s.iter().map(|t| 0.2 + 3e-4 * t).collect();
     assert!(fits_current(&series, &falls).is_ok());
-    let told = fits_current(&series, &rises).unwrap_err();
-    assert!(told.contains("rises by"), "{told}");
-    let told = fits_current(&series, &vec![0.0; rises.len()]).unwrap_err();
-    assert!(told.contains("stands still"), "{told}");
+    let message = fits_current(&series, &rises).unwrap_err();
+    assert!(message.contains("rises by"), "{message}");
+    let message = fits_current(&series, &vec![0.0; rises.len()]).unwrap_err();
+    assert!(message.contains("stands still"), "{message}");
     let facts = LogFacts {
         capacity_ah: Some(3.0),
         head_capacity_ah: Some(2.5),
@@ -237,10 +237,10 @@ fn pulses_on_a_current_that_never_rests_are_runs_where_the_state_is_known() {
         let mut all = loads(&series, steps, &SEARCH);
         count_charge(&series, &mut all, ChargeKnown::default());
         assert_eq!(all.len(), 3);
-        let told = all[0].refusal.as_deref().unwrap();
+        let reason = all[0].refusal.as_deref().unwrap();
         assert!(
-            told.starts_with("it stands on 1.000 A without a rest"),
-            "{told}"
+            reason.starts_with("it stands on 1.000 A without a rest"),
+            "{reason}"
         );
         let mut all = loads(&series, steps, &SEARCH);
         let known = ChargeKnown {

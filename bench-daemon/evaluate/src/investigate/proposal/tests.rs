@@ -121,8 +121,8 @@ fn a_log_of_one_row_a_second_is_taken_and_a_slower_one_is_not() {
     let second = found(&log(&parts, 1.0));
     assert_eq!((refusal(&second[0]), second[0].duration_s), ("", 10.0));
     let slow = found(&log(&parts, 2.0));
-    let told = "rows are 2.00 s apart, more than 1.10 s: logged too slowly, or rows lack";
-    assert_eq!(refusal(&slow[0]), told);
+    let expected = "rows are 2.00 s apart, more than 1.10 s: logged too slowly, or rows lack";
+    assert_eq!(refusal(&slow[0]), expected);
 }
 
 #[test]
@@ -139,8 +139,8 @@ fn a_log_without_rests_gives_no_run() {
         &[part(6.0, 0.0), part(10.0, 3.0), part(30.0, 0.0)],
         1.0,
     ));
-    let told = "the rest before it is logged for 6.0 s, less than 10.0 s";
-    assert_eq!(refusal(&all[0]), told);
+    let expected = "the rest before it is logged for 6.0 s, less than 10.0 s";
+    assert_eq!(refusal(&all[0]), expected);
     let all = found(&log(&[part(60.0, 0.0), part(10.0, 3.0)], 1.0));
     assert_eq!(refusal(&all[0]), "no rest after it");
 }
@@ -158,8 +158,8 @@ fn rows_without_a_number_refuse_their_pulse_only() {
     series.voltage_v[65] = f64::NAN;
     series.current_a[66] = f64::NAN;
     let all = found(&series);
-    let told = "the row at 65.000 s has no current or no voltage";
-    assert_eq!((refusal(&all[0]), refusal(&all[1])), (told, ""));
+    let expected = "the row at 65.000 s has no current or no voltage";
+    assert_eq!((refusal(&all[0]), refusal(&all[1])), (expected, ""));
     // The reader leaves such rows out, so that the log has a gap.
     for column in [
         &mut series.time_s,
@@ -177,8 +177,8 @@ fn rows_without_a_number_refuse_their_pulse_only() {
 fn stamps_that_repeat_refuse_their_pulse() {
     let mut series = log(&[part(60.0, 0.0), part(10.0, 2.0), part(60.0, 0.0)], 1.0);
     series.time_s[64] = series.time_s[63];
-    let told = "the stamp 63.000 s repeats or goes back";
-    assert_eq!(refusal(&found(&series)[0]), told);
+    let expected = "the stamp 63.000 s repeats or goes back";
+    assert_eq!(refusal(&found(&series)[0]), expected);
 }
 
 #[test]
@@ -187,8 +187,8 @@ fn a_cell_that_still_relaxes_and_a_voltage_limit_are_told() {
     for k in 0..60 {
         series.voltage_v[k] = 3.7 - 1e-4 * k as f64;
     }
-    let told = "the voltage before it still moves by -6.00 mV per minute";
-    assert_eq!(refusal(&found(&series)[0]), told);
+    let expected = "the voltage before it still moves by -6.00 mV per minute";
+    assert_eq!(refusal(&found(&series)[0]), expected);
     // A charge of constant current, then at 4.2 V.
     let mut series = log(&[part(60.0, 0.0), part(200.0, -2.0), part(60.0, 0.0)], 1.0);
     for k in 160..260 {
@@ -197,8 +197,8 @@ fn a_cell_that_still_relaxes_and_a_voltage_limit_are_told() {
     for k in 60..260 {
         series.voltage_v[k] = (3.8 + 4e-3 * (k - 60) as f64).min(4.2);
     }
-    let told = "a voltage limit was hit: its current falls at one voltage";
-    assert_eq!(refusal(&found(&series)[0]), told);
+    let expected = "a voltage limit was hit: its current falls at one voltage";
+    assert_eq!(refusal(&found(&series)[0]), expected);
 }
 
 #[test]
@@ -365,11 +365,11 @@ fn a_spectrum_elsewhere_is_refused_and_one_without_a_state_is_taken_at_the_pulse
     check_spectra(&mut all, &runs);
     assert_eq!(all[0].assumed, ["temperature_c", "ocv_v"]);
     assert!(all[0].refusal.is_none() && all[1].refusal.is_none());
-    for (spectrum, told) in [
+    for (spectrum, reason) in [
         (&all[2], "it was taken at 3.9000 V and 25.0 °C"),
         (&all[3], "it was taken at 3.7000 V and 10.0 °C"),
     ] {
-        assert!(spectrum.refusal.as_deref().unwrap().starts_with(told));
+        assert!(spectrum.refusal.as_deref().unwrap().starts_with(reason));
     }
 }
 
@@ -405,10 +405,10 @@ fn a_spectrum_beside_several_states_needs_its_own_and_takes_the_one_temperature(
         (None, Some(25.0))
     );
     assert_eq!(all[0].assumed, ["temperature_c"]);
-    let told = all[1].refusal.as_deref().unwrap();
+    let reason = all[1].refusal.as_deref().unwrap();
     assert!(
-        told.starts_with("its state is not stated") && told.contains("--at eis:soc="),
-        "{told}"
+        reason.starts_with("its state is not stated") && reason.contains("--at eis:soc="),
+        "{reason}"
     );
 }
 
@@ -422,15 +422,15 @@ fn noise_and_codes_are_estimated_and_nothing_is_told_of_a_log_without_rests() {
         let uniform = f64::from(state >> 8) / f64::from(1 << 24) - 0.5;
         *v = ((*v + 4e-3 * uniform) / 1e-3).round() * 1e-3;
     }
-    let told = estimate(&[&series]);
-    assert!((told.voltage_resolution_v.unwrap() - 1e-3).abs() < 1e-6);
-    let noise_v = told.voltage_noise_v.unwrap();
+    let estimated = estimate(&[&series]);
+    assert!((estimated.voltage_resolution_v.unwrap() - 1e-3).abs() < 1e-6);
+    let noise_v = estimated.voltage_noise_v.unwrap();
     // 4 mV / √12.
     assert!((1.0e-3..1.3e-3).contains(&noise_v), "{noise_v}");
     assert_eq!(
-        (told.current_noise_a, told.current_resolution_a),
+        (estimated.current_noise_a, estimated.current_resolution_a),
         (None, None)
     );
-    assert!(!told.voltage_noise_hidden);
+    assert!(!estimated.voltage_noise_hidden);
     assert_eq!(estimate(&[]), Estimate::default());
 }

@@ -158,7 +158,7 @@ fn bench_text(bench: &Estimate) -> String {
         }
     };
     let codes = "step between codes".to_owned();
-    let told = [
+    let entries = [
         (
             "voltage_noise_v",
             bench.voltage_noise_v,
@@ -178,7 +178,7 @@ fn bench_text(bench: &Estimate) -> String {
     ];
     let mut text =
         "\n# Errors of the bench, as far as the logs determine them.\n[bench]\n".to_owned();
-    for (key, value, meaning) in told {
+    for (key, value, meaning) in entries {
         text += &match value {
             Some(value) => format!("{key} = {value:.1e}  # {meaning}\n"),
             None => format!("# {key}: {NOT_TOLD}\n"),

@@ -319,7 +319,7 @@ mod tests {
         };
         // The small current of the tail carries no information about the large one.
         let three = down(&[(0.025, 1.0), (0.026, 1.0), (0.027, 1.0), (0.060, 0.2)]);
-        for (given_ohm, told) in [
+        for (given_ohm, expected) in [
             (0.026, false),
             (0.0285, false),
             (0.0295, true),
@@ -327,7 +327,7 @@ mod tests {
         ] {
             assert_eq!(
                 contradicted(given_ohm, &three).is_some(),
-                told,
+                expected,
                 "{given_ohm}"
             );
         }

@@ -43,7 +43,7 @@ pub(super) struct SweepFindings<'a> {
     /// Verdict on each sweep.
     pub(super) judged: &'a [Judged],
     /// Additions of a campaign.
-    pub(super) told: Option<CampaignResults>,
+    pub(super) campaign_results: Option<CampaignResults>,
     /// Other measurements.
     pub(super) shown: Shown,
 }
@@ -59,13 +59,13 @@ pub(super) fn write(
         fitted,
         budget,
         judged,
-        told,
+        campaign_results,
         shown,
     } = found;
     let fits = &fitted.fits;
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     tables.extend(validity::table(experiment.campaign.as_ref(), judged));
-    if let Some(CampaignResults { figure, table, .. }) = told {
+    if let Some(CampaignResults { figure, table, .. }) = campaign_results {
         figures.push(figure);
         tables.push(table);
     }

@@ -1,6 +1,6 @@
 //! Circuits whose parameters are known.
 
-use super::{frequencies, noisy, parse, untold};
+use super::{frequencies, noisy, parse, without_covariance};
 use crate::fit::{CircuitOptions, Search, State, Weight, fit_circuit};
 use analysis_numeric::Rng;
 use num_complex::Complex64;
@@ -167,7 +167,7 @@ fn no_start_values_are_needed_for_a_diffusion_behind_a_resistance() {
         let spectra = [if seed % 2 == 0 {
             spectrum
         } else {
-            untold(spectrum)
+            without_covariance(spectrum)
         }];
         let guess = known.into_iter().enumerate().collect();
         let from_truth = fit_circuit(
@@ -201,7 +201,7 @@ fn no_start_values_are_needed_for_a_diffusion_behind_a_resistance() {
 #[test]
 fn equal_blocks_stand_by_rising_time_constant() {
     let (text, _, band, z) = CIRCUITS[0];
-    let spectrum = untold(noisy(z, &frequencies(band, 40), (0.001, &mut Rng::new(1))));
+    let spectrum = without_covariance(noisy(z, &frequencies(band, 40), (0.001, &mut Rng::new(1))));
     for seed in 0..10 {
         let fit = fit_circuit(
             std::slice::from_ref(&spectrum),

@@ -49,7 +49,7 @@ fn noisy(
 }
 
 /// The same without any stated uncertainty.
-fn untold(mut spectrum: Spectrum) -> Spectrum {
+fn without_covariance(mut spectrum: Spectrum) -> Spectrum {
     spectrum
         .points
         .iter_mut()

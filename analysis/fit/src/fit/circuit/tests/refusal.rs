@@ -1,6 +1,6 @@
 //! Refusals of the circuit fit, and their messages.
 
-use super::{frequencies, noisy, parse, untold};
+use super::{frequencies, noisy, parse, without_covariance};
 use crate::fit::{
     CircuitFit, CircuitFitError, CircuitOptions, Objective, Search, Weight, fit_circuit,
 };
@@ -10,7 +10,7 @@ use num_complex::Complex64;
 use proptest::prelude::*;
 
 fn resistor(points: u32) -> Spectrum {
-    untold(noisy(
+    without_covariance(noisy(
         |_| Complex64::new(0.01, 0.0),
         &frequencies((1.0, 100.0), points),
         (0.001, &mut Rng::new(0)),

@@ -1,7 +1,7 @@
 //! The three objectives against the ERM's fit, which reaches the same sums by another way, and
 //! pooling.
 
-use super::{frequencies, noisy, parse, untold};
+use super::{frequencies, noisy, parse, without_covariance};
 use crate::fit::{Bounds, CircuitOptions, FitOptions, Objective, Weight, fit_circuit, fit_erm};
 use analysis_files::formats::read_unbiased_cells;
 use analysis_model::model::Circuit;
@@ -179,7 +179,7 @@ fn the_minimum_is_one_in_every_direction() {
 fn a_full_covariance_is_used_with_its_correlation() {
     // Noise along one direction only (almost): the fit must pass where the noise is small. One
     // resistor, closed form: R = Σw(x − ρ…)/Σw.
-    let mut spectrum = untold(noisy(
+    let mut spectrum = without_covariance(noisy(
         |_| Complex64::new(2.0, 0.0),
         &frequencies((1.0, 10.0), 3),
         (0.0, &mut Rng::new(0)),
