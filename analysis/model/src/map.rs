@@ -232,6 +232,13 @@ impl CellMap {
         Ok(())
     }
 
+    /// Number of branches of charge transfer: the first ones.
+    pub fn transfers(&self) -> usize {
+        let slowest_s = self.charge_transfer.map_or(0.0, |law| law.slowest_s);
+        self.branches
+            .partition_point(|branch| branch.tau_s <= slowest_s)
+    }
+
     /// Finds a SOC and a temperature, °C, on the map.
     pub fn place(&self, soc: f64, temperature_degc: f64) -> Place {
         Place::find(&self.soc, &self.temperature_degc, soc, temperature_degc)

@@ -168,12 +168,15 @@ fn settle(
 }
 
 /// Returns the kinetics around the map of their own solution.
-pub(super) fn around(design: &Design, kinetics: Kinetics, solved: &Solved) -> Kinetics {
+pub(super) fn around(design: &Design, kinetics: &Kinetics, solved: &Solved) -> Kinetics {
     let around = kinetics.around.as_ref().map(|before| {
-        let map = design.map(&kinetics, solved);
+        let map = design.map(kinetics, solved);
         Arc::new(near(before, map))
     });
-    Kinetics { around, ..kinetics }
+    Kinetics {
+        around,
+        ..*kinetics
+    }
 }
 
 /// Returns a map with branches of charge transfer whose whole resistance is near that of the map before

@@ -20,16 +20,16 @@ pub(super) enum Apart {
     Failed(ForwardError),
     /// The shortest steps still differ.
     Unresolved {
-        /// Largest difference allowed, V per cell and volt of overpotential above one.
+        /// Largest difference allowed, V per cell.
         tolerance_v: f64,
-        /// Difference met, likewise.
+        /// Difference met, V per cell.
         met_v: f64,
     },
 }
 
 /// Repeats a run, given the number of halvings of its steps, until no row differs by more than
-/// `agree_v` (V per cell) from the run before, or by as much more as its overpotential exceeds 1 V. A run
-/// that stops where power ends is as good as the instant at which it stops.
+/// `agree_v` (V per cell) from the run before, or by as much more as the largest overpotential of a cell
+/// exceeds 1 V. A run that stops where power ends is as good as the instant at which it stops.
 pub(super) fn halved(
     model: &SimModel,
     options: &SimOptions,
@@ -37,24 +37,27 @@ pub(super) fn halved(
     play: impl Fn(u32) -> Result<Simulation, ForwardError>,
 ) -> Result<Simulation, Apart> {
     let series = f64::from(model.pack.series);
+    let tolerance_v = |run: &Simulation| {
+        let rows = run.trace.ccv_v.iter().zip(&run.trace.ocv_v);
+        let losses_v = rows.map(|(v, ocv_v)| (ocv_v - v).abs() / series);
+        agree_v * losses_v.fold(1.0, f64::max)
+    };
     let mut coarse = play(0).map_err(Apart::Failed)?;
-    let mut met_v = f64::NAN;
+    let (mut met_v, mut allowed_v) = (f64::NAN, agree_v);
     for halvings in 1..=MOST_HALVINGS {
         let fine = play(halvings).map_err(Apart::Failed)?;
         let stopped =
             options.beyond == Beyond::Stop && !fine.summary.feasible && !coarse.summary.feasible;
-        let rows = fine.trace.ccv_v.iter().zip(&fine.trace.ocv_v);
-        let rows = rows.zip(&coarse.trace.ccv_v);
-        met_v = rows.fold(0.0, |most: f64, ((a, ocv_v), b)| {
-            most.max((a - b).abs() / series / ((ocv_v - a).abs() / series).max(1.0))
-        });
-        if stopped || (met_v <= agree_v && fine.trace.ccv_v.len() == coarse.trace.ccv_v.len()) {
+        let rows = fine.trace.ccv_v.iter().zip(&coarse.trace.ccv_v);
+        met_v = rows.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) / series;
+        allowed_v = tolerance_v(&fine);
+        if stopped || (met_v <= allowed_v && fine.trace.ccv_v.len() == coarse.trace.ccv_v.len()) {
             return Ok(fine);
         }
         coarse = fine;
     }
     Err(Apart::Unresolved {
-        tolerance_v: agree_v,
+        tolerance_v: allowed_v,
         met_v,
     })
 }

@@ -1,7 +1,7 @@
 //! Fall of a resistance under current by charge transfer.
 
+use super::branch_step::Drive;
 use super::constants::ZERO_DEGC_K;
-use super::{CellMap, Drive};
 use serde::{Deserialize, Serialize};
 
 /// Temperature of the stated voltage, °C.
@@ -64,14 +64,5 @@ impl ChargeTransfer {
     /// at a temperature, °C, in A.
     pub fn exchange_a(&self, whole_ohm: f64, temperature_degc: f64) -> f64 {
         0.5 * self.whole_v(temperature_degc) / whole_ohm.max(Drive::LEAST_OHM)
-    }
-}
-
-impl CellMap {
-    /// Number of branches of charge transfer: the first ones.
-    pub fn transfers(&self) -> usize {
-        let slowest_s = self.charge_transfer.map_or(0.0, |law| law.slowest_s);
-        self.branches
-            .partition_point(|branch| branch.tau_s <= slowest_s)
     }
 }
