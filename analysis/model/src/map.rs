@@ -239,6 +239,11 @@ impl CellMap {
             .partition_point(|branch| branch.tau_s <= slowest_s)
     }
 
+    /// Returns the whole resistance of charge transfer, Ω, from those of all branches.
+    pub fn transfer_ohm(&self, branch_ohm: &[f64]) -> f64 {
+        branch_ohm[..self.transfers()].iter().sum()
+    }
+
     /// Finds a SOC and a temperature, °C, on the map.
     pub fn place(&self, soc: f64, temperature_degc: f64) -> Place {
         Place::find(&self.soc, &self.temperature_degc, soc, temperature_degc)

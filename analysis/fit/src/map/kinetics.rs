@@ -114,6 +114,10 @@ fn find_voltage(design: &Design, train: &Train, without: &Found) -> Result<Found
     };
     let (mut power, mut best) = (0, settled(without, VOLTAGE_V)?);
     for direction in [1, -1] {
+        // A cost that has fallen on one side rises on the other.
+        if power != 0 {
+            break;
+        }
         while (LEAST_POWER..=MOST_POWER).contains(&(power + direction)) {
             let tried_v = VOLTAGE_V * VOLTAGE_FACTOR.powi(power + direction);
             let tried = settled(&best, tried_v)?;
@@ -189,7 +193,7 @@ fn near(before: &CellMap, mut map: CellMap) -> CellMap {
                 let (soc, degc) = (map.soc[knot], map.temperature_degc[node]);
                 let mut ohm = vec![0.0; before.branches.len()];
                 before.values(soc, degc, &mut ohm);
-                ohm[..before.transfers()].iter().sum::<f64>()
+                before.transfer_ohm(&ohm)
             };
             let fast = map.branches[..transfers].iter_mut();
             let mut fast: Vec<&mut f64> = fast

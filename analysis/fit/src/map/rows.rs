@@ -185,7 +185,7 @@ impl<'a> Around<'a> {
         let fallen_v: f64 = branches
             .filter_map(|(place, a)| Some(self.ohm[(*place)?] * drive.fallen_v(*a)))
             .sum();
-        let whole_ohm: f64 = self.ohm[..self.map.transfers()].iter().sum();
+        let whole_ohm = self.map.transfer_ohm(&self.ohm);
         let fallen_a = fallen_v / whole_ohm.max(Drive::LEAST_OHM);
         (fallen_a, fallen_a * whole_ohm)
     }

@@ -46,11 +46,11 @@ impl CellMap {
             *r_ohm = surface.weighted_ohm(&nodes, factors);
         }
         let law = self.charge_transfer;
-        let whole_ohm = || branch_ohm[..self.transfers()].iter().sum();
         MapValues {
             r_ohm,
             correction_v: self.ocv_correction_v(&at, temperature_degc),
-            exchange_a: law.map(|law| law.exchange_a(whole_ohm(), temperature_degc)),
+            exchange_a: law
+                .map(|law| law.exchange_a(self.transfer_ohm(branch_ohm), temperature_degc)),
             slowest_s: law.map_or(0.0, |law| law.slowest_s),
             outside: at.outside,
         }

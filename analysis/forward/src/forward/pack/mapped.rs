@@ -179,7 +179,7 @@ impl<'a> MapNetwork<'a> {
                 .iter_mut()
                 .zip(&cell.rk)
                 .for_each(|(r_ohm, factor)| *r_ohm *= factor);
-            let whole_ohm = branch_ohm[..self.common.map.transfers()].iter().sum();
+            let whole_ohm = self.common.map.transfer_ohm(branch_ohm);
             let law = self.common.map.charge_transfer;
             values.exchange_a = law.map(|law| law.exchange_a(whole_ohm, degc));
             self.found.values[k] = values;

@@ -257,8 +257,7 @@ impl<const W: usize> Piece<W> {
         } else {
             0.0
         };
-        let transfers = map.transfers();
-        let whole = through(&|corner| ohm[corner][..transfers].iter().sum()).scaled(ratio);
+        let whole = through(&|corner| map.transfer_ohm(&ohm[corner])).scaled(ratio);
         self.whole.set(l, whole);
         self.least[l] = ratio * Drive::LEAST_OHM;
         (0..map.branches.len()).for_each(|k| {
