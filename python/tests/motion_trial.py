@@ -254,6 +254,8 @@ def main():
             try:
                 found = job.result()
             except subprocess.CalledProcessError as error:
+                if "cell" not in error.cmd:
+                    raise
                 print(f"a cell is left out: {error}", file=sys.stderr, flush=True)
                 continue
             for row in found:

@@ -233,7 +233,7 @@ impl CellMap {
     }
 
     /// Number of branches of charge transfer: the first ones.
-    pub fn transfers(&self) -> usize {
+    pub fn transfer_count(&self) -> usize {
         let slowest_s = self.charge_transfer.map_or(0.0, |law| law.slowest_s);
         self.branches
             .partition_point(|branch| branch.tau_s <= slowest_s)
@@ -241,7 +241,7 @@ impl CellMap {
 
     /// Returns the whole resistance of charge transfer, Ω, from those of all branches.
     pub fn transfer_ohm(&self, branch_ohm: &[f64]) -> f64 {
-        branch_ohm[..self.transfers()].iter().sum()
+        branch_ohm[..self.transfer_count()].iter().sum()
     }
 
     /// Finds a SOC and a temperature, °C, on the map.

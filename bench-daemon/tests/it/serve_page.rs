@@ -1,5 +1,6 @@
 //! The page in a real browser: Chromium with its driver, headless. If they are absent, the tests
-//! pass with a message. Pictures of each state go to `target/tmp/page`.
+//! pass with a message. Pictures of each state go to the folder `page` of
+//! `CARGO_TARGET_TMPDIR`.
 
 use std::{
     fs,

@@ -80,7 +80,7 @@ impl Design {
     }
 
     /// Number of branches of charge transfer: the first ones.
-    pub(super) fn transfers(&self) -> usize {
+    pub(super) fn transfer_count(&self) -> usize {
         self.taus_s
             .partition_point(|tau_s| *tau_s <= SLOWEST_TRANSFER_S)
     }

@@ -44,16 +44,16 @@ pub(super) fn search(
     design: &Design,
     train: &mut Train,
 ) -> Result<(Kinetics, Solved), MapFitError> {
-    let mut found = evaluate(design, train, START)?;
+    let mut found = solve_with(design, train, START)?;
     if let Some(lag_s) = lag::find(design, train, &START, &found.solved)? {
         train.lag_s = lag_s;
-        found = evaluate(design, train, START)?;
+        found = solve_with(design, train, START)?;
     }
     for _ in 0..ENERGY_ROUNDS {
         found = improve_energies(design, train, found)?;
     }
     // Spectra at rest do not show a fall under current.
-    if !train.logs.is_empty() && design.transfers() > 0 {
+    if !train.logs.is_empty() && design.transfer_count() > 0 {
         let bent = find_voltage(design, train, &found)?;
         let bent = improve_energies(design, train, bent)?;
         // Both have had the same rounds.
@@ -65,7 +65,7 @@ pub(super) fn search(
     Ok((found.kinetics, found.solved))
 }
 
-fn evaluate(design: &Design, train: &Train, kinetics: Kinetics) -> Result<Found, MapFitError> {
+fn solve_with(design: &Design, train: &Train, kinetics: Kinetics) -> Result<Found, MapFitError> {
     let solved = design.solve(train, &kinetics)?;
     let energy = |energy: f64, expected: f64| ((energy - expected) / ENERGY_SIGMA).powi(2);
     let law = kinetics.around.as_ref().and_then(|map| map.charge_transfer);
@@ -94,10 +94,10 @@ fn improve_energies(design: &Design, train: &Train, mut best: Found) -> Result<F
             *energy = (*energy + by).max(0.0);
             kinetics
         };
-        let below = evaluate(design, train, moved(-ENERGY_STEP))?.cost;
-        let above = evaluate(design, train, moved(ENERGY_STEP))?.cost;
+        let below = solve_with(design, train, moved(-ENERGY_STEP))?.cost;
+        let above = solve_with(design, train, moved(ENERGY_STEP))?.cost;
         let share = lowest(below, best.cost, above).clamp(-2.0, 2.0);
-        let tried = evaluate(design, train, moved(share * ENERGY_STEP))?;
+        let tried = solve_with(design, train, moved(share * ENERGY_STEP))?;
         if tried.cost < best.cost {
             best = tried;
         }
@@ -110,15 +110,12 @@ fn improve_energies(design: &Design, train: &Train, mut best: Found) -> Result<F
 fn find_voltage(design: &Design, train: &Train, without: &Found) -> Result<Found, MapFitError> {
     let settled = |from: &Found, voltage_v: f64| {
         let map = design.map(&from.kinetics, &from.solved);
-        settle(design, train, &from.kinetics, map, voltage_v)
+        solve_bent(design, train, &from.kinetics, map, voltage_v)
     };
     let (mut power, mut best) = (0, settled(without, VOLTAGE_V)?);
     for direction in [1, -1] {
-        // A cost that has fallen on one side rises on the other.
-        if power != 0 {
-            break;
-        }
-        while (LEAST_POWER..=MOST_POWER).contains(&(power + direction)) {
+        // Away from the expected voltage only: a cost that has fallen on one side rises on the other.
+        while power * direction >= 0 && (LEAST_POWER..=MOST_POWER).contains(&(power + direction)) {
             let tried_v = VOLTAGE_V * VOLTAGE_FACTOR.powi(power + direction);
             let tried = settled(&best, tried_v)?;
             if tried.cost.total_cmp(&best.cost).is_ge() {
@@ -143,7 +140,7 @@ fn find_voltage(design: &Design, train: &Train, without: &Found) -> Result<Found
 
 /// Solves with a voltage of charge transfer by Newton's method: each solution is that of the equations
 /// around the map of the one before.
-fn settle(
+fn solve_bent(
     design: &Design,
     train: &Train,
     kinetics: &Kinetics,
@@ -154,28 +151,32 @@ fn settle(
         voltage_v,
         slowest_s: SLOWEST_TRANSFER_S,
     });
-    let mut found: Option<Found> = None;
-    for _ in 0..MOST_SOLUTIONS {
-        let kinetics = Kinetics {
-            around: Some(Arc::new(map.clone())),
-            ..kinetics.clone()
-        };
-        let next = evaluate(design, train, kinetics)?;
-        map = near(&map, design.map(&next.kinetics, &next.solved));
-        let cost = next.cost;
-        let before = found.replace(next).map(|found| found.cost);
-        if before.is_some_and(|before| (cost - before).abs() < SETTLED * cost) {
+    let kinetics = Kinetics {
+        around: Some(Arc::new(map)),
+        ..*kinetics
+    };
+    let mut found = solve_with(design, train, kinetics)?;
+    for _ in 1..MOST_SOLUTIONS {
+        let kinetics = kinetics_at_solution(design, &found.kinetics, &found.solved);
+        let next = solve_with(design, train, kinetics)?;
+        let is_settled = (next.cost - found.cost).abs() < SETTLED * next.cost;
+        found = next;
+        if is_settled {
             break;
         }
     }
-    found.ok_or(MapFitError::Singular("no solution with charge transfer"))
+    Ok(found)
 }
 
 /// Returns the kinetics around the map of their own solution.
-pub(super) fn around(design: &Design, kinetics: &Kinetics, solved: &Solved) -> Kinetics {
+pub(super) fn kinetics_at_solution(
+    design: &Design,
+    kinetics: &Kinetics,
+    solved: &Solved,
+) -> Kinetics {
     let around = kinetics.around.as_ref().map(|before| {
         let map = design.map(kinetics, solved);
-        Arc::new(near(before, map))
+        Arc::new(limit_change(before, map))
     });
     Kinetics {
         around,
@@ -185,27 +186,25 @@ pub(super) fn around(design: &Design, kinetics: &Kinetics, solved: &Solved) -> K
 
 /// Returns a map with branches of charge transfer whose whole resistance is near that of the map before
 /// it: far from it, its equations say little.
-fn near(before: &CellMap, mut map: CellMap) -> CellMap {
-    let transfers = map.transfers();
+fn limit_change(before: &CellMap, mut map: CellMap) -> CellMap {
+    let whole_ohm = |map: &CellMap, soc: f64, degc: f64| {
+        let mut ohm = vec![0.0; map.branches.len()];
+        map.values(soc, degc, &mut ohm);
+        map.transfer_ohm(&ohm)
+    };
+    let transfers = map.transfer_count();
     for node in 0..map.temperature_degc.len() {
         for knot in 0..map.soc.len() {
-            let before_ohm = {
-                let (soc, degc) = (map.soc[knot], map.temperature_degc[node]);
-                let mut ohm = vec![0.0; before.branches.len()];
-                before.values(soc, degc, &mut ohm);
-                before.transfer_ohm(&ohm)
-            };
-            let fast = map.branches[..transfers].iter_mut();
-            let mut fast: Vec<&mut f64> = fast
-                .map(|branch| &mut branch.resistance.r_ohm[node][knot])
-                .collect();
-            let whole_ohm: f64 = fast.iter().map(|r_ohm| **r_ohm).sum();
-            if before_ohm <= 0.0 || whole_ohm <= 0.0 {
+            let (soc, degc) = (map.soc[knot], map.temperature_degc[node]);
+            let (old_ohm, new_ohm) = (whole_ohm(before, soc, degc), whole_ohm(&map, soc, degc));
+            if old_ohm <= 0.0 || new_ohm <= 0.0 {
                 continue;
             }
-            let ratio = whole_ohm / before_ohm;
+            let ratio = new_ohm / old_ohm;
             let factor = ratio.clamp(MOST_FACTOR.recip(), MOST_FACTOR) / ratio;
-            fast.iter_mut().for_each(|r_ohm| **r_ohm *= factor);
+            for branch in &mut map.branches[..transfers] {
+                branch.resistance.r_ohm[node][knot] *= factor;
+            }
         }
     }
     map

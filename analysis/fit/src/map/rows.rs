@@ -26,7 +26,7 @@ impl Design {
         let map = self.empty_map(kinetics);
         let (resistances, count) = (self.resistances(), self.count());
         let per_surface = self.nodes() * self.soc.len();
-        let fast = self.transfers();
+        let fast = self.transfer_count();
         // Voltages of the fast branches per ohm, A, as if their resistances stood still for seconds; and
         // currents of the slow branches by surface node.
         let mut per_ohm_a = vec![0.0; fast];
@@ -77,9 +77,9 @@ impl Design {
             for (node, knot, share) in map.weights(&at, kinetics.series) {
                 row[self.index(0, node, knot)] -= w * share * i;
             }
-            let (fallen_a, fallen_v) = around
-                .as_ref()
-                .map_or((0.0, 0.0), |around| around.fallen(drive, &per_ohm_a));
+            let (fallen_a, fallen_v) = around.as_ref().map_or((0.0, 0.0), |around| {
+                around.exchange_effect(drive, &per_ohm_a)
+            });
             for (branch, a) in per_ohm_a.iter().enumerate() {
                 for (node, knot, share) in weights {
                     row[self.index(1 + branch, node, knot)] -= w * share * (a - fallen_a);
@@ -180,7 +180,7 @@ impl<'a> Around<'a> {
     /// Returns how much less voltage an ohm more of charge transfer adds, A, because it lowers the exchange
     /// current of all branches, and the same for the resistances of the map, V: ∂v/∂ln(i₀) is
     /// v − b·tanh(v/b) of a branch that has settled. `per_ohm_a`: voltages of the branches per ohm, A.
-    fn fallen(&self, drive: Drive, per_ohm_a: &[f64]) -> (f64, f64) {
+    fn exchange_effect(&self, drive: Drive, per_ohm_a: &[f64]) -> (f64, f64) {
         let branches = self.places.iter().zip(per_ohm_a);
         let fallen_v: f64 = branches
             .filter_map(|(place, a)| Some(self.ohm[(*place)?] * drive.fallen_v(*a)))

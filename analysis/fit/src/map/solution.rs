@@ -44,7 +44,7 @@ impl Solution {
         if kinetics.around.is_some() {
             for _ in 0..SOLUTIONS_BEFORE {
                 let solved = design.solve(train, &kinetics)?;
-                kinetics = kinetics::around(&design, &kinetics, &solved);
+                kinetics = kinetics::kinetics_at_solution(&design, &kinetics, &solved);
             }
         }
         let equations = design.equations(train, &kinetics);

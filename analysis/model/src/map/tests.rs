@@ -148,7 +148,7 @@ fn charge_transfer_bends_the_current_of_fast_branches() {
     };
     map.branches.insert(0, fast);
     map.validate().unwrap();
-    assert_eq!(map.transfers(), 2);
+    assert_eq!(map.transfer_count(), 2);
     let drive = |tau_s: f64, current_a: f64| {
         let values = map.values(0.5, 25.0, &mut [0.0; 2]);
         values.drive(tau_s, 0.01, current_a)
@@ -188,7 +188,7 @@ fn values_are_those_of_each_surface_and_of_the_law() {
         let resistance = surface(&rows);
         map.branches.insert(0, MapBranch { tau_s, resistance });
     }
-    assert_eq!(map.transfers(), 2);
+    assert_eq!(map.transfer_count(), 2);
     let mut ohm = [0.0; 3];
     for (soc, degc) in [(0.3, 12.0), (0.95, 30.0), (0.0, -20.0), (0.5, 25.0)] {
         let (values, at) = (map.values(soc, degc, &mut ohm), map.place(soc, degc));

@@ -145,7 +145,7 @@ pub(super) fn branches(format: ModelFormat, map: &CellMap) -> Vec<Mark> {
                 format!("\n      + lost_w(twice_a, {k}, branch_v[{k}], branch_ohm[{k}])")
             });
             let sum = each(&|k, _| format!(" + branch_v[{k}]"));
-            let whole: Vec<String> = (1..=map.transfers())
+            let whole: Vec<String> = (1..=map.transfer_count())
                 .map(|k| format!("branch_ohm[{k}]"))
                 .collect();
             let whole = match whole.is_empty() {

@@ -81,7 +81,7 @@ pub(super) fn marks(map: &CellMap, style: Style) -> Vec<Mark> {
         ("@OCV_DEGC@", number(map.ocv_temperature_degc)),
         ("@HEAT@", number(thermal.0)),
         ("@THERMAL@", number(thermal.1)),
-        ("@TRANSFERS@", map.transfers().to_string()),
+        ("@TRANSFERS@", map.transfer_count().to_string()),
         (
             "@TRANSFER_V@",
             number(map.charge_transfer.map_or(0.0, |law| law.voltage_v)),

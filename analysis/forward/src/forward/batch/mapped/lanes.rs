@@ -210,7 +210,7 @@ impl<'a, const W: usize, const L: usize> MapLanes<'a, W, L> {
         let row =
             |f: &dyn Fn(&MapCell<'a>) -> f64| -> Row<W> { std::array::from_fn(|l| f(&cells[l])) };
         let most = |f: &dyn Fn(&MapCell<'a>) -> usize| cells.iter().map(f).max().unwrap_or(0);
-        let bent_branches = most(&|cell| cell.map().transfers());
+        let bent_branches = most(&|cell| cell.map().transfer_count());
         let branches = most(&|cell| cell.map().branches.len());
         let bent_blocks = bent_branches.div_ceil(L / W);
         let blocks = bent_blocks + (branches - bent_branches).div_ceil(L / W);
@@ -244,7 +244,7 @@ impl<'a, const W: usize, const L: usize> MapLanes<'a, W, L> {
         };
         lanes.gains = lengths_s.iter().map(|h| lanes.gain(*h)).collect();
         for (l, cell) in cells.iter().enumerate() {
-            for k in 0..cell.map().transfers() {
+            for k in 0..cell.map().transfer_count() {
                 let (block, j) = lanes.slot(l, k);
                 lanes.blocks[block].straight[j] = 1.0;
             }
