@@ -35,8 +35,8 @@ MISSING = 0.01
 #: Plans of the oracle beside that of the map, and the difference of planned and true voltage at which it
 #: has converged, V.
 ORACLE_PLANS, ORACLE_V = 4, 3e-3
-#: Standard deviations of the band: Scheffé's for the two errors of a map, of rest and of resistance.
-SIGMAS = 2.45
+#: Standard deviations of the band: Scheffé's for the four errors of a map.
+SIGMAS = 3.08
 LAWS = ("none", "power limit", "simple IR", "one point", "map", "map, lower edge", "oracle")
 
 

@@ -89,6 +89,7 @@ impl Fitted {
             3 => map.branches = [0, 2, 4].map(|k| map.branches[k].clone()).to_vec(),
             10 => {
                 let beside = |tau_s: f64, k: usize| MapBranch {
+                    extrapolated: false,
                     tau_s,
                     resistance: map.branches[k].resistance.clone(),
                 };

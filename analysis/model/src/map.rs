@@ -18,6 +18,7 @@ mod check;
 mod constants;
 mod error;
 mod place;
+mod unmeasured;
 mod values;
 
 pub use branch_step::{BranchEnd, BranchStep, Drive};
@@ -26,6 +27,7 @@ pub use check::MapError;
 pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
 pub use error::{BAND_SIGMAS, ErrorSource, RUN_PROBABILITY, VoltageError};
 pub use place::{Outside, Place, arrhenius};
+pub use unmeasured::Unmeasured;
 pub use values::MapValues;
 
 use crate::{
@@ -98,6 +100,9 @@ pub struct Surface {
 pub struct MapBranch {
     /// Time constant over the whole range, s.
     pub tau_s: f64,
+    /// True if the branch is faster than all data, so that its resistance continues the spectra.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub extrapolated: bool,
     /// Its resistance.
     pub resistance: Surface,
 }
@@ -287,6 +292,13 @@ impl CellMap {
     /// Returns the weights of the temperature nodes at a place.
     pub fn temperature_weights(&self, at: &Place) -> [(usize, f64); 2] {
         at.temperature.pairs(self.temperature_degc.len())
+    }
+
+    /// Number of errors of the predicted voltage that last for a run: one at rest, one of the resistances,
+    /// that of the voltage of charge transfer, and that of the extrapolated branches.
+    pub fn lasting_errors(&self) -> usize {
+        let is_extrapolated = self.branches.iter().any(|branch| branch.extrapolated);
+        2 + usize::from(self.charge_transfer.is_some()) + usize::from(is_extrapolated)
     }
 
     /// Returns the standard deviation of the predicted voltage of a cell, V, from the slope dOCV/dSOC,

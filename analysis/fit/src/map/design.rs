@@ -8,6 +8,11 @@ use analysis_model::map::{CellMap, MapBranch, Surface};
 
 /// Longest time constant of a branch of charge transfer, s: diffusion is slower.
 pub(super) const SLOWEST_TRANSFER_S: f64 = 3.0;
+/// Time constant of the branch that continues the spectra, over the reciprocal of their highest angular
+/// frequency.
+const CONTINUED: f64 = 0.5;
+/// Shortest time constant of that branch, s: what is faster acts at once for a load.
+const LEAST_CONTINUED_S: f64 = 1e-4;
 
 /// The unknowns: surfaces by branch, temperature and SOC, then both corrections of the OCV by SOC,
 /// then the inductance of the wiring in the spectra.
@@ -20,6 +25,8 @@ pub(super) struct Design {
     pub(super) ocv_temperature_degc: f64,
     /// Time constants that no log and no spectrum shows, s.
     pub(super) left_out_s: Vec<f64>,
+    /// Highest angular frequency of the spectra, rad/s, if the first branch continues them.
+    pub(super) continued_from: Option<f64>,
 }
 
 impl Design {
@@ -47,10 +54,17 @@ impl Design {
         } else {
             (first.saturating_sub(1), (last + 1).min(knots.len() - 1))
         };
-        let (taus_s, left_out_s) = options
+        let (mut taus_s, left_out_s): (Vec<f64>, Vec<f64>) = options
             .time_constants_s
             .iter()
             .partition(|tau| train.shows(**tau));
+        let continued_from = train.highest_omega().filter(|omega| {
+            let tau_s = CONTINUED / omega;
+            tau_s >= LEAST_CONTINUED_S && taus_s.first().is_some_and(|first_s| tau_s < *first_s)
+        });
+        if let Some(omega) = continued_from {
+            taus_s.insert(0, CONTINUED / omega);
+        }
         let (nodes_degc, unit_ohm) = nodes(train, places, options.node_distance_k)?;
         Ok(Self {
             soc: knots[first..=last].to_vec(),
@@ -59,6 +73,7 @@ impl Design {
             unit_ohm,
             ocv_temperature_degc: options.ocv_temperature_degc,
             left_out_s,
+            continued_from,
         })
     }
 
@@ -131,8 +146,10 @@ impl Design {
             branches: self
                 .taus_s
                 .iter()
-                .map(|tau_s| MapBranch {
+                .enumerate()
+                .map(|(k, tau_s)| MapBranch {
                     tau_s: *tau_s,
+                    extrapolated: k == 0 && self.continued_from.is_some(),
                     resistance: surface(kinetics.branches),
                 })
                 .collect(),

@@ -30,6 +30,9 @@ const ALIKE: f64 = 0.1;
 /// Least variance that is expected of a sample, V²: that of 3 mV. Rests would decide alone otherwise.
 const LEAST_V2: f64 = 1e-5;
 
+/// Least error at rest, V: that of an OCV curve. A few rests can happen to lie closer.
+const LEAST_REST_V: f64 = 0.5e-3;
+
 /// Chooses the data that show the error: held-out logs, if they are long enough above SOC 0.1.
 pub(super) fn source(logs: &[Log]) -> ErrorSource {
     let held_out = logs.iter().filter(|log| log.role == Role::HeldOut);
@@ -140,8 +143,7 @@ pub(super) fn farthest(
     errors_v: &[f64],
 ) -> Vec<f64> {
     let samples = &log.samples;
-    // One error at rest, and one of the resistances.
-    let sigmas = chi_factor(RUN_PROBABILITY, 2.0);
+    let sigmas = chi_factor(RUN_PROBABILITY, map.lasting_errors() as f64);
     let of_row = |k: usize| {
         let soc = samples.soc[k];
         let at = map.place(soc, samples.temperature_degc[k]);
@@ -227,7 +229,7 @@ fn measure(from: ErrorSource, logs: &[&Squares]) -> Option<VoltageError> {
         &DVector::from_vec(joined(|log| &log.stands_s)),
     )?;
     Some(VoltageError {
-        rest_v: ERROR_V * share[0].sqrt(),
+        rest_v: (ERROR_V * share[0].sqrt()).max(LEAST_REST_V),
         soc: SOC_ERROR * share[0].sqrt(),
         share: share.iter().skip(1).map(|s| s.sqrt()).collect(),
         from,

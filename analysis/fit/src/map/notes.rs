@@ -4,6 +4,7 @@ use super::design::Design;
 use super::log::Log;
 use super::train::Train;
 use analysis_model::map::CellMap;
+use std::f64::consts::TAU;
 
 impl Design {
     /// Remarks on what the logs do not show.
@@ -14,6 +15,13 @@ impl Design {
             notes.push(format!(
                 "no branch of {} s: no log and no spectrum shows it",
                 list.join(", ")
+            ));
+        }
+        if let Some(omega) = self.continued_from {
+            notes.push(format!(
+                "a branch of {:.2} ms continues the spectra beyond {:.0} Hz: its resistance is extrapolated",
+                1e3 * self.taus_s[0],
+                omega / TAU
             ));
         }
         for log in &train.logs {

@@ -14,6 +14,12 @@ const UNLIKE: f64 = 0.6;
 /// Standard deviation of the correction of the OCV, V, and of its change with temperature, V/K.
 const OCV_V: f64 = 0.01;
 const OCV_V_PER_K: f64 = 0.0002;
+/// Real over imaginary part of the impedance of the branches at the highest frequency of the spectra: that
+/// of a constant-phase element of exponent 2/3. One of 0.5, as a porous electrode without charge transfer
+/// has it, gives 1; a branch of one time constant gives 0.
+const TAIL: f64 = 0.58;
+/// Standard deviation of that real part, as a share of a third of the DC resistance.
+const TAIL_SIGMA: f64 = 0.05;
 /// Standard deviation of the inductance of the wiring, H.
 const INDUCTANCE_SIGMA_H: f64 = 1e-6;
 
@@ -62,6 +68,24 @@ impl Design {
             }
         }
         normal.expect_zero(&[(self.inductance(), INDUCTANCE_H / INDUCTANCE_SIGMA_H)]);
+        if let Some(omega) = self.continued_from {
+            self.continue_spectra(omega, normal);
+        }
+    }
+
+    /// Expects the branches to fall as a constant-phase element does from the highest frequency of the
+    /// spectra on: their real part there is a constant share of their imaginary part.
+    fn continue_spectra(&self, omega: f64, normal: &mut Normal) {
+        for (node, unit_ohm) in self.unit_ohm.iter().enumerate() {
+            for knot in 0..self.soc.len() {
+                let terms = self.taus_s.iter().enumerate().map(|(branch, tau_s)| {
+                    let x = omega * tau_s;
+                    let factor = (1.0 - TAIL * x) / (1.0 + x * x) / (TAIL_SIGMA * unit_ohm);
+                    (self.index(1 + branch, node, knot), factor)
+                });
+                normal.expect_zero(&terms.collect::<Vec<_>>());
+            }
+        }
     }
 }
 

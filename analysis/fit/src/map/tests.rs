@@ -262,6 +262,72 @@ fn spectra_alone_give_the_map_and_one_that_contradicts_its_neighbours_is_named()
     assert!(named[0].contains("z0.5_5"), "{named:?}");
 }
 
+/// A spectrum at half charge up to 300 Hz of 10 mΩ and a constant-phase element of 10 mΩ and 10 ms.
+fn dispersed(exponent: f64) -> MapSpectrum {
+    let slope_v = 1.1;
+    let points = (0..20).map(|k| {
+        let freq_hz = 300.0 * 0.65f64.powi(k);
+        let s = Complex64::new(0.0, std::f64::consts::TAU * freq_hz);
+        MapPoint {
+            freq_hz,
+            z_ohm: 0.01
+                + 0.01 / (1.0 + (0.01 * s).powf(exponent))
+                + slope_v / (s * 3600.0 * CAPACITY_AH),
+            sigma_ohm: None,
+        }
+    });
+    MapSpectrum {
+        name: format!("exponent {exponent}"),
+        role: Role::Train,
+        soc: 0.5,
+        temperature_degc: 25.0,
+        points: points.collect(),
+    }
+}
+
+#[test]
+fn a_branch_continues_spectra_to_higher_frequencies_as_far_as_their_tail_shows() {
+    let fit_of = |exponent: f64| {
+        let data = MapData {
+            logs: Vec::new(),
+            spectra: vec![dispersed(exponent)],
+        };
+        fit_map(&data, &curve(), &MapOptions::default()).unwrap()
+    };
+    for (exponent, error_ohm) in [(0.6, 0.6e-3), (0.75, 0.4e-3), (1.0, 0.3e-3)] {
+        let fit = fit_of(exponent);
+        let first = &fit.map.branches[0];
+        assert!(first.extrapolated && (first.tau_s - 0.265e-3).abs() < 1e-6);
+        assert!(!fit.map.branches[1].extrapolated);
+        assert_eq!(fit.map.lasting_errors(), 3);
+        let at = fit.map.place(0.5, 25.0);
+        let at_once_ohm = fit.map.resistance_ohm(&fit.map.series, &at);
+        assert!(
+            (at_once_ohm - 0.01).abs() < error_ohm,
+            "{exponent}: {at_once_ohm}"
+        );
+        let last = "a branch of 0.27 ms continues the spectra beyond 300 Hz";
+        assert!(
+            fit.notes.iter().any(|n| n.contains(last)),
+            "{:?}",
+            fit.notes
+        );
+    }
+    // A log that is as fast shows the branch itself.
+    let mut fast = log("fast", 25.0, 5, Role::Train);
+    fast.series.time_s.iter_mut().for_each(|t| *t *= 1e-3);
+    let data = MapData {
+        logs: vec![fast],
+        spectra: vec![dispersed(0.75)],
+    };
+    let options = MapOptions {
+        time_constants_s: vec![0.25e-3, 2e-3, 0.02],
+        ..MapOptions::default()
+    };
+    let fit = fit_map(&data, &curve(), &options).unwrap();
+    assert!(fit.map.branches.iter().all(|branch| !branch.extrapolated));
+}
+
 #[test]
 fn spectra_that_contradict_the_logs_give_way_at_the_frequencies_of_the_logs() {
     let spectra = [0.1, 0.3, 0.5, 0.7, 0.9].map(|soc| spectrum(soc, 27.0, 1.0));

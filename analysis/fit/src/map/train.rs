@@ -95,6 +95,12 @@ impl<'a> Train<'a> {
         currents_a.map(|current_a| current_a.abs()).reduce(f64::max)
     }
 
+    /// Highest angular frequency of the fitted spectra, rad/s; `None` without spectra.
+    pub(super) fn highest_omega(&self) -> Option<f64> {
+        let highest = self.sweeps.iter().filter_map(|sweep| sweep.fitted().last());
+        highest.map(|point| point.omega).reduce(f64::max)
+    }
+
     /// Shortest step of the logs, s; infinite without logs.
     pub(super) fn shortest_step_s(&self) -> f64 {
         let steps_s = self.logs.iter().map(|log| log.step_s());

@@ -8,14 +8,14 @@
 use super::law::Demand;
 use super::model::SimModel;
 use super::trace::Trace;
-use analysis_model::map::RUN_PROBABILITY;
+use analysis_model::map::{RUN_PROBABILITY, Unmeasured};
 use analysis_numeric::stats::chi_factor;
 use serde::Serialize;
 
 /// What is wrong with a prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RunError<'a> {
-    /// The stated error of a map: one at rest, and one of the resistances.
+    /// The stated error of a map ([`CellMap::lasting_errors`](analysis_model::map::CellMap::lasting_errors)).
     Map,
     /// The parameters of a fit: their number, and the standard deviation of the voltage of a cell at each
     /// row, at the demand of the row, V.
@@ -57,7 +57,7 @@ impl RunBand {
                     Some(sigma_v * growth(trace, demand, k))
                 };
                 let rows = losses_v.iter().enumerate().map(at_row);
-                (2, rows.collect::<Option<_>>()?)
+                (model.map()?.lasting_errors(), rows.collect::<Option<_>>()?)
             }
             RunError::Parameters(count, sigma_v) => (count, sigma_v.to_vec()),
         };
@@ -69,11 +69,13 @@ impl RunBand {
             .and_then(|map| map.voltage_error.as_ref()?.whole_runs);
         let sigmas = chi_factor(RUN_PROBABILITY, terms as f64);
         let measured = measured.unwrap_or(1.0);
-        let scattered = losses_v.iter().enumerate();
-        let scattered = scattered.map(|(k, loss_v)| cell_share * loss_v * growth(trace, demand, k));
-        let both = own_v.iter().zip(scattered);
-        let half_v: Vec<f64> = both
-            .map(|(own, cells)| sigmas * (measured * own).hypot(cells))
+        let unmeasured_v = unmeasured_sigma_v(model, trace);
+        let rows = own_v.iter().zip(&losses_v).zip(&unmeasured_v).enumerate();
+        let half_v: Vec<f64> = rows
+            .map(|(k, ((own_v, loss_v), unmeasured_v))| {
+                let others_v = unmeasured_v.hypot(cell_share * loss_v);
+                sigmas * (measured * own_v).hypot(others_v * growth(trace, demand, k))
+            })
             .collect();
         let (mut area_vs, mut all_s) = (0.0, 0.0);
         for (times, halves) in trace.time_s.windows(2).zip(half_v.windows(2)) {
@@ -102,6 +104,23 @@ fn map_sigma_v(model: &SimModel, trace: &Trace, k: usize, loss_v: f64) -> Option
     let at = map.place(trace.soc[k], *trace.temperature_degc.get(k)?);
     let slope_v = model.curve_v(trace.soc[k]).1 / f64::from(model.pack.series);
     map.sigma_v(&at, slope_v, loss_v)
+}
+
+/// Standard deviation of the voltage of a cell at each row by what the data of a map show least, V.
+fn unmeasured_sigma_v(model: &SimModel, trace: &Trace) -> Vec<f64> {
+    let rows = trace.time_s.len();
+    let Some(map) = model.map().filter(|_| trace.temperature_degc.len() == rows) else {
+        return vec![0.0; rows];
+    };
+    let (series, parallel) = (f64::from(model.pack.series), f64::from(model.pack.parallel));
+    let mut unmeasured = Unmeasured::new(map);
+    let of_row = |k: usize| {
+        let step_s = trace.time_s[k] - trace.time_s[k.saturating_sub(1)];
+        let place = (trace.soc[k], trace.temperature_degc[k]);
+        let branch_v = trace.v_rc_v.iter().map(|v| v[k] / series);
+        unmeasured.advance(step_s, place, trace.current_a[k] / parallel, branch_v)
+    };
+    (0..rows).map(of_row).collect()
 }
 
 /// Overpotential of a cell at each row without signs, V: that of the series resistance, and of each
@@ -178,7 +197,7 @@ mod tests {
     #[test]
     fn the_factor_is_that_of_the_tables_of_chi_squared() {
         for (terms, chi2) in [(1, 3.841_459), (2, 5.991_465), (9, 16.918_978)] {
-            let sigmas = chi_factor(RUN_PROBABILITY, f64::from(terms));
+            let sigmas = chi_factor(RUN_PROBABILITY, terms as f64);
             assert!((sigmas - f64::sqrt(chi2)).abs() < 1e-6, "{terms}");
         }
     }

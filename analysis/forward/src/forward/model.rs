@@ -5,7 +5,7 @@ use super::error::ForwardError;
 use super::nonlinear::Laws;
 use analysis_effects::augmented::Augmented;
 use analysis_model::{
-    map::{CellMap, TEMPERATURES_DEGC},
+    map::{CellMap, TEMPERATURES_DEGC, Unmeasured},
     model::Erm,
     ocv::OcvCurve,
     pack::Pack,
@@ -252,14 +252,26 @@ impl SimModel {
         }
     }
 
-    /// Returns the standard deviation of the mean voltage of a cell in a state, V, from that voltage and
-    /// the open-circuit voltage at the terminals, V.
-    pub(super) fn cell_sigma_v(&self, state: &SimState, cell_v: f64, ocv_v: f64) -> Option<f64> {
+    /// Returns the standard deviation of the mean voltage of a cell in a state, V, from that voltage, V, and
+    /// the open-circuit voltage, V, and the current, A, at the terminals.
+    pub(super) fn cell_sigma_v(
+        &self,
+        state: &SimState,
+        cell_v: f64,
+        ocv_v: f64,
+        current_a: f64,
+    ) -> Option<f64> {
         let map = self.map()?;
         let series = f64::from(self.pack.series);
-        let at = map.place(state.soc, state.temperature_degc?);
+        let degc = state.temperature_degc?;
+        let at = map.place(state.soc, degc);
         let slope_v = self.curve_v(state.soc).1 / series;
-        map.sigma_v(&at, slope_v, ocv_v / series - cell_v)
+        let own_v = map.sigma_v(&at, slope_v, ocv_v / series - cell_v)?;
+        let branch_v = state.v_rc_v.iter().map(|v| v / series);
+        let cell_a = current_a / f64::from(self.pack.parallel);
+        let lasting =
+            Unmeasured::new(map).advance(f64::INFINITY, (state.soc, degc), cell_a, branch_v);
+        Some(own_v.hypot(lasting))
     }
 
     /// Returns the charge of the terminals between SOC 0 and 1, C; infinite for a constant OCV.

@@ -298,7 +298,7 @@ impl<'m> TraceRecorder<'m> {
             .for_each(|(column, value)| column.push(*value));
         t.temperature_degc.extend(state.temperature_degc);
         t.cell_sigma_v
-            .extend(self.model.cell_sigma_v(state, cell_v, p.ocv_v));
+            .extend(self.model.cell_sigma_v(state, cell_v, p.ocv_v, p.current_a));
     }
 
     /// Integrates over a sub-step from its start, middle and end (Simpson).

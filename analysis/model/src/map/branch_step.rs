@@ -28,6 +28,14 @@ impl Drive {
         }
     }
 
+    /// Returns the voltage at which the branch settles, V.
+    pub fn settled_v(&self) -> f64 {
+        if self.bend_v.is_infinite() {
+            return self.driven_v;
+        }
+        self.bend_v * (self.driven_v / self.bend_v).asinh()
+    }
+
     /// Returns the power that a branch of a voltage, V, and a resistance, Ω, turns into heat, W.
     #[inline]
     pub fn lost_w(&self, v: f64, r_ohm: f64) -> f64 {
@@ -42,6 +50,14 @@ impl Drive {
             return 0.0;
         }
         v - self.bend_v * (v / self.bend_v).tanh()
+    }
+
+    /// Returns the change of [`Self::leaking_v`] with the voltage of the branch.
+    pub fn leaking_slope(&self, v: f64) -> f64 {
+        if self.bend_v.is_infinite() {
+            return 1.0;
+        }
+        (v / self.bend_v).clamp(-MOST_BEND, MOST_BEND).cosh()
     }
 
     /// Returns the voltage that the current through the resistance of the branch would have without

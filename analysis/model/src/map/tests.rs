@@ -14,6 +14,7 @@ fn map() -> CellMap {
         temperature_degc: vec![0.0, 25.0],
         series: surface(&[[0.04, 0.03, 0.032], [0.02, 0.015, 0.016]]),
         branches: vec![MapBranch {
+            extrapolated: false,
             tau_s: 10.0,
             resistance: surface(&[[0.02, 0.01, 0.0], [0.01, 0.005, 0.0]]),
         }],
@@ -143,6 +144,7 @@ fn charge_transfer_bends_the_current_of_fast_branches() {
     let mut map = map();
     map.charge_transfer = Some(law);
     let fast = MapBranch {
+        extrapolated: false,
         tau_s: 0.5,
         resistance: surface(&[[0.015; 3]; 2]),
     };
@@ -186,7 +188,14 @@ fn values_are_those_of_each_surface_and_of_the_law() {
         (1.0, [[0.002, 0.006, 0.003], [0.001, 0.002, 0.0]]),
     ] {
         let resistance = surface(&rows);
-        map.branches.insert(0, MapBranch { tau_s, resistance });
+        map.branches.insert(
+            0,
+            MapBranch {
+                extrapolated: false,
+                tau_s,
+                resistance,
+            },
+        );
     }
     assert_eq!(map.transfer_count(), 2);
     let mut ohm = [0.0; 3];

@@ -216,20 +216,37 @@ class SimpleIR(Transient):
 
 
 def _error_v(pack: Pack) -> tuple[float, float]:
-    """Standard deviation of the voltage of a cell at rest at the start, V, and its growth as a share of
-    the overpotential."""
-    run = pack.model.simulate(
-        [0.0, 1.0, 2.0, 3.0],
-        current_a=[0.0, 0.0, 1.0, 0.0],
-        soc=pack.soc,
-        ambient_c=pack.ambient_degc,
-    )
-    if "cell_sigma_v" not in run.columns:
-        raise EisError("Transient.sigmas: expected a model with a map that states its error, met none")
-    sigma_v, loss_v = run["cell_sigma_v"], run["ocv_v"] - run["cell_v"]
-    most = int(np.argmax(loss_v))
-    share2 = (sigma_v[most] ** 2 - sigma_v[0] ** 2) / loss_v[most] ** 2
-    return float(sigma_v[0]), math.sqrt(max(share2, 0.0))
+    """Standard deviation of the voltage of a cell in a whole run: at rest at the start, V, and its growth
+    as a share of the overpotential, under a current of one second that would take the cell to its lower
+    limit if the resistance did not fall under current."""
+
+    def errors_v(current_a: float) -> tuple[float, float, float]:
+        """At rest, V, and under the current, with the overpotential there, V."""
+        run = pack.model.simulate(
+            [0.0, 1.0, 2.0, 3.0],
+            current_a=[0.0, 0.0, current_a, 0.0],
+            soc=pack.soc,
+            ambient_c=pack.ambient_degc,
+        )
+        if "cell_sigma_v" not in run.columns:
+            message = "Transient.sigmas: expected a model with a map that states its error, met none"
+            raise EisError(message)
+        sigma_v, loss_v = run["cell_sigma_v"], run["ocv_v"] - run["cell_v"]
+        most = int(np.argmax(loss_v))
+        return float(sigma_v[0]), float(sigma_v[most]), float(loss_v[most])
+
+    def growth(rest_v: float, sigma_v: float, loss_v: float) -> float:
+        return math.sqrt(max(sigma_v**2 - rest_v**2, 0.0)) / loss_v
+
+    # The error of the resistances alone shows at a small current, that of their fall at a large one.
+    rest_v, sigma_v, loss_v = errors_v(1.0)
+    of_resistances = growth(rest_v, sigma_v, loss_v)
+    start_v = pack.model.simulate([0.0, 1.0], current_a=[0.0, 0.0], soc=pack.soc)["cell_v"][0]
+    of_all = growth(*errors_v(max(1.0, (start_v - pack.window_v[0]) / loss_v)))
+    error = json.loads(pack.model._model.to_json())["map"]["voltage_error"]
+    whole_runs = error.get("whole_runs", 1.0)
+    of_fall = math.sqrt(max(of_all**2 - of_resistances**2, 0.0))
+    return whole_runs * rest_v, math.hypot(whole_runs * of_resistances, of_fall)
 
 
 def _root_a(e_v: Any, r_ohm: Any, power_w: Any, p0_share: Any, order: int = 1) -> Any:

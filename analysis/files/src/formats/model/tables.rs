@@ -21,6 +21,7 @@ pub(super) fn map_of(erm: &Erm, temperature_degc: f64) -> CellMap {
         sigma_ohm: Vec::new(),
     };
     let branches = erm.branches.iter().map(|b| analysis_model::map::MapBranch {
+        extrapolated: false,
         tau_s: b.time_constant_s(),
         resistance: surface(b.r_ohm),
     });

@@ -187,6 +187,7 @@ fn mapped() -> CellModel {
         sigma_ohm: Vec::new(),
     };
     let branch = |r_ohm, tau_s| MapBranch {
+        extrapolated: false,
         tau_s,
         resistance: surface(r_ohm),
     };

@@ -19,6 +19,7 @@ pub(super) fn map(factor: impl Fn(f64, usize) -> f64, thermal: Option<Thermal>) 
         .branches
         .iter()
         .map(|b| MapBranch {
+            extrapolated: false,
             tau_s: b.time_constant_s(),
             resistance: surface(b.r_ohm),
         })
@@ -259,6 +260,21 @@ fn a_map_that_states_its_error_gives_each_row_a_standard_deviation() {
     }
     let most = trace.cell_sigma_v.iter().copied().fold(0.0, f64::max);
     assert!(most > 0.015, "{most}");
+    // The fastest branch is wrong by half of itself at once, and right when it has settled.
+    let mut continued = map.clone();
+    continued.branches[0].extrapolated = true;
+    let at = map.place(trace.soc[0], 0.0);
+    let lacking_v = 6.0 * map.resistance_ohm(&map.branches[0].resistance, &at);
+    let after_jump = trace.current_a.iter().position(|i| *i > 5.0).unwrap();
+    let with = run(&continued, cell).cell_sigma_v;
+    let jump_v = trace.cell_sigma_v[after_jump].hypot(0.5 * lacking_v);
+    assert!(
+        (with[after_jump] - jump_v).abs() < 1e-5,
+        "{jump_v} {with:?}"
+    );
+    let last = trace.current_a.iter().rposition(|i| *i > 5.0).unwrap();
+    assert!(last > after_jump);
+    assert!((with[last] - trace.cell_sigma_v[last]).abs() < 1e-9);
     // All cells of a pack are wrong in the same direction.
     let pack = run(&map, Pack::new(16, 3, 0.05).unwrap());
     for (one, many) in trace.cell_sigma_v.iter().zip(&pack.cell_sigma_v) {

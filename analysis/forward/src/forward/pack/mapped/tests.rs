@@ -26,6 +26,7 @@ fn map() -> CellMap {
         sigma_ohm: Vec::new(),
     };
     let branch = |tau_s, r_ohm| MapBranch {
+        extrapolated: false,
         tau_s,
         resistance: surface(r_ohm, 35e3),
     };

@@ -307,6 +307,7 @@ fn map() -> CellMap {
         sigma_ohm: Vec::new(),
     };
     let branches = erm().branches.into_iter().map(|branch| MapBranch {
+        extrapolated: false,
         tau_s: branch.time_constant_s(),
         resistance: surface(branch.r_ohm),
     });
