@@ -1,6 +1,7 @@
 """Planned motions: mechanics, limits, laws, and the planned voltage against the simulation. Meshes are coarse."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import eisbench as eb
 pytest.importorskip("casadi")
 
 from eisbench import motion
+from eisbench.motion._laws import _error_v
 
 CELL = Path(__file__).parents[2] / "fixtures/data/cells/p45b_25C"
 COARSE = motion.Options(flat=4, toe=2, flight=3, landing=4)
@@ -289,10 +291,10 @@ def mapped(tmp_path, **more):
 
 def test_the_lower_edge_of_the_band_keeps_away_from_the_limit(tmp_path):
     error = {"rest_v": 0.004, "soc": 0.003, "share": [0.08, 0.04], "from": "held_out"}
-    weak = mapped(tmp_path, voltage_error=error)
+    weak = mapped(tmp_path, voltage_error={**error, "whole_runs": 1.5})
     weak = replace(weak, parallel=1, soc=0.15, ambient_degc=0.0, interconnect_ohm=0.02)
     bare = motion.jump(ROBOT, motion.Transient(weak), COARSE)
-    edge = motion.jump(ROBOT, motion.Transient(weak, sigmas=2.0), replace(COARSE, start=bare))
+    edge = motion.jump(ROBOT, motion.Transient(weak, sigmas=4 / 3), replace(COARSE, start=bare))
     assert edge.height_m < bare.height_m
     assert -1e-6 < bare.margin_low_v.min() < 1e-3
     # By the formula of the error at the node of 0 °C; the cubic curve has 3.2636 V and a slope of 1.541 V
@@ -306,6 +308,17 @@ def test_the_lower_edge_of_the_band_keeps_away_from_the_limit(tmp_path):
     assert -1e-4 < (edge.margin_low_v - half_v).min() < 1e-3
     with pytest.raises(eb.EisError, match="Transient.sigmas: expected a model with a map that states"):
         motion.jump(ROBOT, motion.Transient(mapped(tmp_path), sigmas=2.0), COARSE)
+
+
+def test_the_band_of_a_map_grows_with_the_fall_of_its_resistance(tmp_path):
+    error = {"rest_v": 0.004, "soc": 0.0, "share": [0.05, 0.05], "from": "held_out"}
+    rest_v, share = _error_v(mapped(tmp_path, voltage_error=error))
+    assert (rest_v, share) == pytest.approx((0.004, 0.05), rel=1e-6)
+    law = {"voltage_v": 0.06, "slowest_s": 3.0}
+    fallen = _error_v(mapped(tmp_path, voltage_error=error, charge_transfer=law))
+    # 20 % of v − b·tanh(v/b), of a branch of less than a third of the resistance.
+    assert fallen[0] == pytest.approx(0.004)
+    assert 0.052 < fallen[1] < math.hypot(0.05, 0.2 / 3)
 
 
 def test_a_map_at_its_temperature(tmp_path):

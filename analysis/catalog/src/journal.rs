@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_none_is_told_with_its_number() {
+    fn a_line_that_is_none_is_reported_with_its_number() {
         let text = journal(&[STARTED]) + "{\"number\":2}\n";
         let error = read_text(&text).unwrap_err();
         assert!(error.ends_with(":2: expected a line with the field entry, found none"));

@@ -115,7 +115,7 @@ mod tests {
     /// 3 % of an effect of λ = 10⁴ correspond to 9 of χ²: a second effect that gains 30 beside it
     /// may be no more than that, one that gains 100 is more.
     #[test]
-    fn what_differs_from_a_formula_is_no_second_effect() {
+    fn what_differs_from_a_formula_is_not_a_second_effect() {
         let fit = Fit {
             structure: Structure::default(),
             x: vec![],

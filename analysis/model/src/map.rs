@@ -27,7 +27,7 @@ pub use check::MapError;
 pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
 pub use error::{BAND_SIGMAS, ErrorSource, RUN_PROBABILITY, VoltageError};
 pub use place::{Outside, Place, arrhenius};
-pub use unmeasured::Unmeasured;
+pub use unmeasured::{Instant, Unmeasured};
 pub use values::MapValues;
 
 use crate::{
@@ -292,6 +292,11 @@ impl CellMap {
     /// Returns the weights of the temperature nodes at a place.
     pub fn temperature_weights(&self, at: &Place) -> [(usize, f64); 2] {
         at.temperature.pairs(self.temperature_degc.len())
+    }
+
+    /// Returns whether a part of the map has an error that its data do not show.
+    pub fn has_unmeasured(&self) -> bool {
+        self.lasting_errors() > 2
     }
 
     /// Number of errors of the predicted voltage that last for a run: one at rest, one of the resistances,

@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_no_curve() {
+    fn refuses_what_is_not_a_curve() {
         let cases = [
             (
                 OcvCurve::monotone(0.0, vec![0.0, 1.0], vec![2.5, 4.2]),

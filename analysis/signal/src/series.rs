@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_no_series() {
+    fn refuses_what_is_not_a_series() {
         let mut backwards = series(vec![1.0; 3]);
         backwards.time_s[2] = 2.0;
         let mut hole = series(vec![1.0; 3]);

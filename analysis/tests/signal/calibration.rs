@@ -626,7 +626,7 @@ fn a_control_is_judged_in_words() {
 }
 
 #[test]
-fn noise_that_is_no_circle_counts_as_it_lies() {
+fn noise_that_is_not_a_circle_counts_as_it_lies() {
     // Ten times more noise along one diagonal than across it, of which the whitened residuals must
     // show nothing.
     let (along, across) = (

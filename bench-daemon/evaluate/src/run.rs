@@ -23,7 +23,7 @@ mod traced;
 
 use std::path::Path;
 
-pub use play::nobody_drives;
+pub use play::ensure_outputs_off;
 pub use recompute::{RecomputedPoint, Recorded, RecordedPoint, on_all_cores};
 pub use resume_context::{Accepted, ResumeContext, begun_experiment};
 pub use slope::{SlopeAtRest, slope_of_spectrum};

@@ -209,9 +209,9 @@ impl Member {
         let jobs = self.obedience.jobs()?;
         let record = record(&self.shared, &self.obedience, &self.standing(), &jobs);
         let record = record.with(condition);
-        let before = self.post.told_state();
+        let before = self.post.posted_state();
         let is_signed_on = self.post.tell(&record).await?;
-        if before != self.post.told_state() {
+        if before != self.post.posted_state() {
             let words = condition.trip.clone().or_else(|| condition.held.clone());
             let what = match condition.trip {
                 Some(_) => "trip",
@@ -249,7 +249,7 @@ impl Member {
             unix_s: clock::unix_time_s(),
             place: &self.me.place,
             what,
-            state: self.post.told_state(),
+            state: self.post.posted_state(),
             job,
             words,
         };

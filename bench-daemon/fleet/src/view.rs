@@ -394,9 +394,13 @@ fn stranded_by(job: &Job, benches: &[BenchView]) -> Option<String> {
 
 /// Joins the first reasons, and the number of further ones.
 fn first_of(reasons: &[String]) -> String {
-    const TOLD: usize = 3;
-    let first = reasons.iter().take(TOLD).cloned().collect::<Vec<_>>();
-    match reasons.len().saturating_sub(TOLD) {
+    const MOST_LISTED: usize = 3;
+    let first = reasons
+        .iter()
+        .take(MOST_LISTED)
+        .cloned()
+        .collect::<Vec<_>>();
+    match reasons.len().saturating_sub(MOST_LISTED) {
         0 => first.join("; "),
         more => format!("{}; and {more} more", first.join("; ")),
     }

@@ -37,7 +37,7 @@ pub use story::{Conclusion, Recommended, Story};
 /// Analyses that may wait.
 const MOST_WAITING: usize = 100;
 /// Maximum number of analyses in the list.
-const MOST_TOLD: usize = 200;
+const MOST_LISTED: usize = 200;
 /// File of what its process wrote.
 pub(super) const OUTPUT: &str = "output.txt";
 /// File of the arguments of its process.
@@ -130,7 +130,12 @@ impl Analyses {
 
     /// The latest first.
     pub fn list(&self) -> Vec<Analysis> {
-        self.lock().iter().rev().take(MOST_TOLD).cloned().collect()
+        self.lock()
+            .iter()
+            .rev()
+            .take(MOST_LISTED)
+            .cloned()
+            .collect()
     }
 
     /// One by its name, with its results.

@@ -95,11 +95,11 @@ async fn process(server: &Server, analysis: &Analysis) -> Result<Option<String>,
         .unwrap_or(0);
     let group = Pid::from_raw(-pid);
     analyses.change(&server.hub, &analysis.id, |one| one.pid = Some(pid));
-    let mut told_to_end = false;
+    let mut is_ending = false;
     let status = loop {
         // A wake-up that was meant for an earlier analysis has no effect.
-        if !told_to_end && !analyses.is_in_work(&analysis.id) {
-            told_to_end = true;
+        if !is_ending && !analyses.is_in_work(&analysis.id) {
+            is_ending = true;
             let _ = kill(group, Signal::SIGTERM);
             if server.clock.deadline(PATIENCE, child.wait()).await.is_err() {
                 let _ = kill(group, Signal::SIGKILL);

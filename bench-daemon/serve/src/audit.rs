@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn an_altered_line_is_told_once_and_another_one_anew() {
+    fn an_altered_line_is_reported_once_and_another_one_anew() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(FILE);
         let audit = Audit::open(folder.path()).unwrap();
@@ -455,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn a_head_that_everybody_may_write_is_told_and_written_anew() {
+    fn a_head_that_everybody_may_write_is_reported_and_written_anew() {
         let folder = tempfile::tempdir().unwrap();
         let head = folder.path().join(HEAD);
         Audit::open(folder.path())
@@ -486,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_head_is_told_like_a_missing_one() {
+    fn a_damaged_head_is_reported_like_a_missing_one() {
         let folder = tempfile::tempdir().unwrap();
         let (path, head) = (folder.path().join(FILE), folder.path().join(HEAD));
         Audit::open(folder.path())

@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_that_differ_are_told_with_both_values() {
+    fn keys_that_differ_are_reported_with_both_values() {
         let was = "name = \"a\"\n[w]\ntrim = 1.0\nscale = [1, 2]\n[[x]]\nn = 1\n[old]\nk = 2\n";
         let now = "# said anew\nname = \"a\"\n[w]\nscale = [1, 3]\ntrim = 1.0\n[[x]]\nn = 1\n\
                    [[x]]\nn = true\n[new]\n";

@@ -19,7 +19,7 @@ pub use record::{
 };
 
 /// Maximum number of investigations in the list.
-const MOST_TOLD: usize = 200;
+const MOST_LISTED: usize = 200;
 
 /// All investigations of a server.
 #[derive(Debug)]
@@ -69,7 +69,12 @@ impl Investigations {
 
     /// The latest first.
     pub fn list(&self) -> Vec<Investigation> {
-        self.lock().iter().rev().take(MOST_TOLD).cloned().collect()
+        self.lock()
+            .iter()
+            .rev()
+            .take(MOST_LISTED)
+            .cloned()
+            .collect()
     }
 
     /// One by its name.

@@ -74,7 +74,7 @@ pub async fn work(server: Arc<Server>) {
     }
     seen.benches(&server, true);
     let kept = Kept::read(&server);
-    let mut told_at_end = false;
+    let mut is_reported = false;
     loop {
         wake.mark_unchanged();
         let mut fresh = seen.benches(&server, false);
@@ -104,9 +104,9 @@ pub async fn work(server: Arc<Server>) {
         }
         let quiet = is_quiet(server.settings.notify.quiet, Zoned::now().time());
         if quiet {
-            told_at_end = false;
-        } else if !told_at_end {
-            told_at_end = true;
+            is_reported = false;
+        } else if !is_reported {
+            is_reported = true;
             tell_kept(&server, &kept);
         }
         if server.hub.closed() {

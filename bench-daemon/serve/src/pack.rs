@@ -515,7 +515,7 @@ mod tests {
     }
 
     #[test]
-    fn another_temperature_than_measured_is_told() {
+    fn another_temperature_than_measured_is_reported() {
         assert_eq!(temperature(25.5, Some(25.0)), None);
         assert!(
             temperature(-10.0, Some(25.0))

@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_told_and_changes_nothing() {
+    fn what_cannot_be_is_reported_and_changes_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let mut queue = Queue::open(folder.path()).unwrap();
         for _ in 0..2 {

@@ -144,12 +144,12 @@ struct Known {
     /// Time and current of the last reading of the current.
     current: Option<(f64, f64)>,
     bath_rows: Vec<BathRow>,
-    noted: Told,
+    noted: JournalMarks,
 }
 
 /// Marks and pauses from the journal.
 #[derive(Debug, Default)]
-struct Told {
+struct JournalMarks {
     marks: Vec<Mark>,
     pauses: Vec<Pause>,
 }
@@ -160,7 +160,7 @@ impl Known {
         // The journal is read before the readings, and may be ahead of them.
         if let Some(gain) = self.journal.look(&self.folder, JOURNAL) {
             if gain.anew {
-                self.noted = Told::default();
+                self.noted = JournalMarks::default();
             }
             let lines = gain.text.lines().map(serde_json::from_str::<Line>);
             // A newer version may write entries that this one does not know.
@@ -199,7 +199,7 @@ impl Known {
     }
 }
 
-impl Told {
+impl JournalMarks {
     /// Takes the next line of the journal.
     fn take(&mut self, line: &Line) {
         let time_s = line.time_s;
@@ -555,7 +555,7 @@ fn pauses(all: &[Pause], end_s: f64, part: &Part) -> Vec<Pause> {
 }
 
 /// Marks of journal and events in a part of a run, by time.
-fn marks(noted: &Told, events: &str, part: &Part) -> Vec<Mark> {
+fn marks(noted: &JournalMarks, events: &str, part: &Part) -> Vec<Mark> {
     let rows = events.lines().skip(1).filter_map(EventRow::parse);
     let mut marks: Vec<Mark> = rows
         .filter(|row| part.has(row.time_s) && !noted.has_request(row))
@@ -792,7 +792,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_is_a_stretch_and_its_request_is_told_once() {
+    fn a_pause_is_a_stretch_and_its_request_is_reported_once() {
         let folder = run();
         let pause = |entries: Vec<(f64, Entry)>| {
             journal(&folder, entries);
@@ -878,7 +878,7 @@ mod tests {
     }
 
     #[test]
-    fn no_peak_is_lost_and_no_more_rows_are_told_than_asked_for() {
+    fn no_peak_is_lost_and_no_more_rows_are_sent_than_asked_for() {
         let rows: Vec<Row> = (0..10_000).map(row).collect();
         for most in [8, 100, 999, 10_000, 20_000] {
             let kept = of_rows(&rows, most);

@@ -30,7 +30,7 @@ use bench_evaluate::{
         self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report,
         Texts, Verdict,
     },
-    run::{StopSignals, caught, nobody_drives},
+    run::{StopSignals, caught, ensure_outputs_off},
 };
 use bench_plan::{
     config::{self, Source, load_any_bench},
@@ -472,7 +472,7 @@ impl Visit<'_> {
         };
         // Nothing was changed yet, and what another program has switched on is not the doctor's to
         // switch off.
-        if let Err(failure) = nobody_drives(&mut bench).await {
+        if let Err(failure) = ensure_outputs_off(&mut bench).await {
             return lease.end(Err(failure), bench.close()).await;
         }
         let mut examination = Examination::new(self.config, self.clock.clone(), bench, findings);

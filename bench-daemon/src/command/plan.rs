@@ -37,11 +37,11 @@ pub struct PlanArgs {
 
 /// Plan that `--json` prints.
 #[derive(Debug, serde::Serialize)]
-struct Told {
+struct PlanText {
     experiment: String,
     bench: String,
     cell: String,
-    stages: Vec<ToldStage>,
+    stages: Vec<StageText>,
     /// Points of a map.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     points: Vec<PointRow>,
@@ -57,7 +57,7 @@ struct Told {
 
 /// A stage as text.
 #[derive(Debug, serde::Serialize)]
-struct ToldStage {
+struct StageText {
     purpose: String,
     steps: Vec<String>,
 }
@@ -241,8 +241,8 @@ fn one_way(bench: &Bench) -> Option<String> {
 }
 
 /// Describes a plan.
-fn describe_plan(experiment: &Experiment, plan: &Plan) -> Told {
-    let stage = |stage: &bench_plan::plan::Stage| ToldStage {
+fn describe_plan(experiment: &Experiment, plan: &Plan) -> PlanText {
+    let stage = |stage: &bench_plan::plan::Stage| StageText {
         purpose: stage.purpose.to_string(),
         steps: stage
             .steps
@@ -254,7 +254,7 @@ fn describe_plan(experiment: &Experiment, plan: &Plan) -> Told {
         .waits()
         .map(|wait| wait.map(|(_, _, longest_s)| longest_s));
     let wide = experiment.cell.wide.iter().map(ToString::to_string);
-    Told {
+    PlanText {
         experiment: experiment.name.clone(),
         bench: experiment.bench.name.clone(),
         cell: experiment.cell.name.clone(),

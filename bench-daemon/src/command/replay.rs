@@ -34,7 +34,7 @@ use bench_evaluate::{
 use bench_plan::support::terminal::say;
 
 /// Changed points that are listed for each spectrum.
-const TOLD: usize = 12;
+const MOST_LISTED: usize = 12;
 /// Rounds of which the fastest counts.
 const ROUNDS: usize = 3;
 
@@ -442,7 +442,7 @@ fn tell_changed(spectrum: &Changed) {
         "|ΔZ|/σ",
         "Δσ / %"
     );
-    for row in rows.iter().take(TOLD) {
+    for row in rows.iter().take(MOST_LISTED) {
         say!(
             "    {:>12} {:>12} {:>10} {:>12}",
             significant(row.freq_hz, 6),
@@ -451,8 +451,8 @@ fn tell_changed(spectrum: &Changed) {
             significant(100.0 * row.sigma_change, 3)
         );
     }
-    if rows.len() > TOLD {
-        say!("    {} more", rows.len() - TOLD);
+    if rows.len() > MOST_LISTED {
+        say!("    {} more", rows.len() - MOST_LISTED);
     }
 }
 

@@ -119,7 +119,7 @@ fn who_switches_off_after_both_died_settles_what_they_left_and_somebody_has_to_l
 
 #[test]
 #[ignore = "drill"]
-fn where_both_processes_died_while_nothing_was_on_it_is_said_and_nobody_has_to_look() {
+fn where_both_processes_died_while_nothing_was_on_it_is_said_and_no_person_has_to_look() {
     let files = Files::short(6).without(EXPERIMENT, "fixture_check");
     let ports = Ports::serve(&files, FACTOR, 1);
     let run = files.path("killed");

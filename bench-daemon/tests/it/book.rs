@@ -571,13 +571,13 @@ const NOT_PLAYED: [NotPlayed; 10] = [
             "install.md: cargo install --path bench-daemon --locked",
             "install.md: packaging/build --target x86_64-unknown-linux-musl \
              --target aarch64-unknown-linux-musl",
-            "install.md: podman load -i eis-bench-0.1.0-amd64.oci.tar",
+            "install.md: podman load -i eis-bench-0.2.0-amd64.oci.tar",
             "install.md: sha256sum --check --ignore-missing SHA256SUMS",
             "install.md: sudo -u eis-bench eis-bench token add /etc/eis-bench/serve.toml lab-pc \
              --scope read,operate",
-            "install.md: sudo apt install ./eis-bench_0.1.0_amd64.deb",
+            "install.md: sudo apt install ./eis-bench_0.2.0_amd64.deb",
             "install.md: sudo apt remove eis-bench",
-            "install.md: tar -xzf eis-bench-0.1.0-amd64.tar.gz",
+            "install.md: tar -xzf eis-bench-0.2.0-amd64.tar.gz",
             "python.md: pip install ./python",
             "tutorial-bench.md: cargo build",
             "tutorial-spectrum.md: cargo build",
@@ -704,7 +704,7 @@ fn files_below(path: &Path) -> Vec<PathBuf> {
 }
 
 /// Checks whether the address is this machine, or one reserved for documentation (RFC 5737).
-fn is_nobodys(address: Ipv4Addr) -> bool {
+fn is_reserved(address: Ipv4Addr) -> bool {
     address.is_loopback() || address.is_unspecified() || address.is_documentation()
 }
 
@@ -716,7 +716,7 @@ fn addresses_of_others(text: &str) -> Vec<&str> {
         .filter(|number| {
             number
                 .parse::<Ipv4Addr>()
-                .is_ok_and(|address| !is_nobodys(address))
+                .is_ok_and(|address| !is_reserved(address))
         });
     let names = ["tcp://", "tcp:", "vxi11:", "hislip:"]
         .into_iter()

@@ -257,24 +257,24 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
         refused.expect_code(2);
         assert!(refused.message().contains(found), "{}", refused.message());
     }
-    let told_order = program(&[
+    let planned_order = program(&[
         "reorder".as_ref(),
         run.as_os_str(),
         "4".as_ref(),
         "2".as_ref(),
     ]);
-    told_order.expect_code(0);
+    planned_order.expect_code(0);
     assert!(
-        told_order.stdout.contains("then: 4, 2, 3"),
+        planned_order.stdout.contains("then: 4, 2, 3"),
         "{}",
-        told_order.stdout
+        planned_order.stdout
     );
     assert!(
-        told_order
+        planned_order
             .stdout
             .contains("the order that was asked for before holds no more: 3"),
         "{}",
-        told_order.stdout
+        planned_order.stdout
     );
     say(&["go-on"]);
     wait_for_journal("\"entry\":\"gone_on\"");

@@ -242,7 +242,7 @@ fn a_catalogue_that_is_deleted_and_built_again_says_the_same() {
 }
 
 #[test]
-fn what_is_wrong_is_told_with_what_was_expected() {
+fn what_is_wrong_is_reported_with_what_was_expected() {
     let at = Cataloged::new();
     let message = |words: &[&str]| at.ask(words).expect_code(2).message().to_owned();
     let error = message(&["find", "OUT/none.sqlite"]);

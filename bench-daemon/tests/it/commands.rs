@@ -163,7 +163,7 @@ fn packs_are_ranked_from_a_table_of_cells() {
 }
 
 #[test]
-fn a_mistake_is_told_with_its_file_and_field() {
+fn a_mistake_is_reported_with_its_file_and_field() {
     let files = Files::demo().edit(EXPERIMENT, "\"5 A\"", "\"5 V\"");
     let (file, bench) = (text(&files.path(EXPERIMENT)), text(&files.path(BENCH)));
     let (code, out, err) = program(&["config", "check", &file, &bench, "--json"]).parts();
@@ -204,7 +204,7 @@ fn schemas_describe_the_files_that_are_there() {
 }
 
 #[test]
-fn a_run_its_plan_its_replay_and_its_check_are_told_as_json() {
+fn a_run_its_plan_its_replay_and_its_check_are_printed_as_json() {
     let files = Files::brief(3);
     let (experiment, out) = (text(&files.path(EXPERIMENT)), text(&files.path("out")));
     let plan = program(&["plan", &experiment, "--json"]).json();
@@ -235,7 +235,7 @@ fn a_run_its_plan_its_replay_and_its_check_are_told_as_json() {
 }
 
 #[test]
-fn tokens_are_told_as_json() {
+fn tokens_are_printed_as_json() {
     let folder = tempfile::tempdir().unwrap();
     let new = text(&folder.path().join("lab"));
     program(&["config", "new", &new]).parts();
@@ -303,7 +303,7 @@ fn flags_take_units() {
 }
 
 #[test]
-fn a_web_server_is_no_instrument() {
+fn a_web_server_is_not_an_instrument() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("tcp://{}", listener.local_addr().unwrap());
     std::thread::spawn(move || {

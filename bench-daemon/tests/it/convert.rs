@@ -303,7 +303,7 @@ fn exported_captures_give_the_impedance_that_is_in_them() {
 }
 
 #[test]
-fn several_sweeps_of_a_file_are_told_and_never_made_one() {
+fn several_sweeps_of_a_file_are_reported_and_never_made_one() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("three.mpt");
     let mut text =
@@ -350,7 +350,7 @@ fn several_sweeps_of_a_file_are_told_and_never_made_one() {
 }
 
 #[test]
-fn two_curves_of_one_measurement_are_told_and_not_pooled() {
+fn two_curves_of_one_measurement_are_reported_and_not_pooled() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("drift.dta");
     let mut text = "EXPLAIN\n\

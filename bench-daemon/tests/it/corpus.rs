@@ -578,7 +578,7 @@ fn the_page_lists_what_rests_on_inference() {
 }
 
 #[test]
-fn patterns_and_numbers_are_told_apart() {
+fn patterns_and_numbers_are_distinguished() {
     for (message, expected) in [
         (":CHAN1:SCAL 5.00000E-2", ":CHAN#:SCAL {n}"),
         (

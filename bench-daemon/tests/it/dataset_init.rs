@@ -165,7 +165,7 @@ fn nothing_is_written_over_and_a_dry_run_writes_nothing() {
 }
 
 #[test]
-fn files_that_cannot_be_read_are_told_and_a_spectrum_elsewhere_is_a_comment() {
+fn files_that_cannot_be_read_are_reported_and_a_spectrum_elsewhere_is_a_comment() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("data");
     let repeats = folder.path().join("repeats.bdf.csv");

@@ -92,7 +92,7 @@ fn damaged_data_are_a_verdict_with_an_exit_code_of_its_own() {
 }
 
 #[test]
-fn what_is_missing_is_told_and_ends_with_2() {
+fn what_is_missing_is_reported_and_ends_with_2() {
     let folder = tempfile::tempdir().unwrap();
     campaign(folder.path(), &Spec::null(3));
     let refused = |model: &str, text: &str| {

@@ -224,7 +224,7 @@ fn each_fault_is_named_and_nothing_is_energised_after_it() {
 }
 
 #[test]
-fn a_wrong_value_of_a_control_in_the_bench_file_is_told_with_what_decides() {
+fn a_wrong_value_of_a_control_in_the_bench_file_is_reported_with_what_decides() {
     for (value, other, fixture, id, key, decides) in [
         (
             "3.75 mΩ",
@@ -257,7 +257,7 @@ fn a_wrong_value_of_a_control_in_the_bench_file_is_told_with_what_decides() {
 }
 
 #[test]
-fn a_command_that_goes_to_the_wrong_channel_of_the_generator_is_told_from_a_weak_drive() {
+fn a_command_that_goes_to_the_wrong_channel_of_the_generator_differs_from_a_weak_drive() {
     let files = Files::demo().edit(BENCH, "generator_channel = 1", "generator_channel = 2");
     doctor(&files, "fake_cell", "report").expect_code(4);
     let found = ended(&json(&files.path("report/doctor.json")), "fail");

@@ -34,7 +34,7 @@ fn spectrum(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn a_circuit_is_fitted_told_and_drawn() {
+fn a_circuit_is_fitted_printed_and_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let file = spectrum(folder.path());
     let circuit = "R0 - p(R1, CPE1)";
@@ -154,7 +154,7 @@ fn a_known_slope_of_the_open_circuit_voltage_is_taken_out_before_a_circuit_is_fi
 }
 
 #[test]
-fn what_is_no_circuit_is_refused_with_the_place() {
+fn what_is_not_a_circuit_is_refused_with_the_place() {
     let folder = tempfile::tempdir().unwrap();
     let file = spectrum(folder.path());
     let refused = |arguments: &[&str]| refusal(&file, arguments);

@@ -103,7 +103,7 @@ fn a_daemon_that_is_killed_leaves_a_bench_that_is_off_within_five_seconds() {
 
 #[test]
 #[ignore = "long drill"]
-fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
+fn the_drive_ends_by_itself_if_no_process_is_left_to_end_it() {
     for (generator, ends) in [
         ("bursts", true),
         ("bursts, but not this instrument", false),

@@ -505,7 +505,7 @@ fn the_examples_of_the_scenario_file_are_found() {
 /// must cover 95 % (Bonferroni): 2.64 standard deviations instead of 1.96.
 #[test]
 #[ignore = "long drill: two investigations"]
-fn the_showcases_end_as_told() {
+fn the_showcases_end_as_stated() {
     let cases: [(&str, &[(&str, f64)]); 2] = [
         ("hidden_diffusion", &[("r_ohm", 1e-3), ("tau_s", 30.0)]),
         (

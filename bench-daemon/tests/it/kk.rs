@@ -60,7 +60,7 @@ fn spectra(groups: &Value) -> Vec<&Value> {
 }
 
 #[test]
-fn the_thesis_sweeps_are_told_cell_by_cell() {
+fn the_thesis_sweeps_are_reported_cell_by_cell() {
     let groups = judged(Path::new(TABLE), &[]);
     let cells: Vec<&str> = groups
         .as_array()

@@ -368,7 +368,7 @@ fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
 
 #[test]
 #[ignore = "drill"]
-fn clocks_that_differ_are_told_and_refused_when_they_differ_much() {
+fn clocks_that_differ_are_reported_and_refused_when_they_differ_much() {
     let with = |ppm: f64| one_branch(&format!("[drives]\ngenerator_clock_ppm = {ppm}"));
     let finished = run(&with(30.0));
     assert!(

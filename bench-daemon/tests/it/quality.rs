@@ -380,7 +380,7 @@ fn a_fit_of_a_file_leaves_out_what_the_file_says_was_refused_unless_asked() {
 
 #[test]
 #[ignore = "drill"]
-fn refused_points_of_repeats_of_one_name_are_told_apart_and_a_replay_ends_with_the_same_code() {
+fn refused_points_of_repeats_of_one_name_are_distinguished_and_a_replay_ends_with_the_same_code() {
     let files = partly_refused();
     files.run("run").expect_code(11);
     let index: RunIndex = serde_json::from_str(&files.text("run/traces.json")).unwrap();

@@ -93,9 +93,9 @@ fn the_program_serves_a_record_and_ends_with_the_first_difference() {
         let mut out = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
         out.read_line(&mut line).unwrap();
-        let told_of: serde_json::Value = serde_json::from_str(&line).unwrap();
+        let stated_errors: serde_json::Value = serde_json::from_str(&line).unwrap();
         let mut stream = TcpStream::connect(
-            told_of["address"]
+            stated_errors["address"]
                 .as_str()
                 .unwrap()
                 .strip_prefix("tcp://")

@@ -167,7 +167,7 @@ fn a_folder_without_a_run_is_refused() {
 }
 
 #[test]
-fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_against_their_captures()
+fn a_run_that_was_stopped_is_not_a_damaged_one_and_its_finished_points_are_held_against_their_captures()
  {
     let files = Files::short(5);
     let (run, experiment) = (files.path("run"), files.experiment());

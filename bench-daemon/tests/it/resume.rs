@@ -370,7 +370,7 @@ fn traced() -> Files {
 
 #[test]
 #[ignore = "drill"]
-fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
+fn an_unknown_charge_is_not_moved_again_by_itself() {
     let files = traced();
     let ports = Ports::serve(&files, 4.0, 1);
     let run = files.path("run");

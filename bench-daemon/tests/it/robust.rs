@@ -113,7 +113,7 @@ fn a_spectrum_of_100_000_points_is_judged_within_memory_and_says_by_how_many() {
 }
 
 #[test]
-fn one_wrong_sign_is_no_noise_and_is_named() {
+fn one_wrong_sign_is_not_noise_and_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let mut wrong = points((0.05, 1000.0), 20, 0.0);
     wrong[9].1.re = -wrong[9].1.re;
@@ -176,7 +176,7 @@ fn a_sigma_of_zero_is_said_to_be_zero() {
 }
 
 #[test]
-fn a_conjugated_spectrum_is_told_by_fit_as_by_kk() {
+fn a_conjugated_spectrum_is_reported_by_fit_as_by_kk() {
     let folder = tempfile::tempdir().unwrap();
     let conjugated: Vec<(f64, Complex64)> = points((0.05, 1000.0), 20, 0.0)
         .into_iter()
@@ -206,7 +206,7 @@ fn a_conjugated_spectrum_is_told_by_fit_as_by_kk() {
 }
 
 #[test]
-fn an_inductive_band_is_told_by_fit_and_by_kk() {
+fn an_inductive_band_is_reported_by_fit_and_by_kk() {
     let folder = tempfile::tempdir().unwrap();
     let file = write(
         folder.path(),

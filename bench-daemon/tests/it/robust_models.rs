@@ -401,7 +401,7 @@ fn drawn_cells_are_exported_and_give_the_same_packs_again() {
 }
 
 #[test]
-fn cells_with_names_stand_where_they_are_put_and_the_mean_is_told() {
+fn cells_with_names_stand_where_they_are_put_and_the_mean_is_reported() {
     let folder = fitted();
     std::fs::write(folder.path().join("pulse.csv"), "0 300\n2 0\n3 0\n").unwrap();
     let mut rows = "group,place,name,r,capacity\n".to_owned();

@@ -339,7 +339,7 @@ fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_voltmeter_has_st
 }
 
 #[test]
-fn only_the_age_of_the_temperature_saves_a_cell_that_nobody_feels() {
+fn only_the_age_of_the_temperature_saves_a_cell_without_a_sensor() {
     let case = Case {
         files: || sweep(2),
         faults: "[faults]\nslow_answers = { from_s = 60.0, late_s = 1.9 }\n\

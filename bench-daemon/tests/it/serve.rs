@@ -563,7 +563,7 @@ fn after_a_killed_run_outputs_are_shown_as_its_guardian_or_somebody_else_has_ver
 
 #[test]
 #[ignore = "drill"]
-fn a_run_waits_and_goes_on_as_it_is_told() {
+fn a_run_waits_and_goes_on_as_it_is_reported() {
     let files = Files::short(8);
     let _ports = Ports::serve(&files, 10.0, 1);
     config(&files, "");
@@ -701,7 +701,7 @@ fn a_pause_is_shown_at_once_with_the_time_until_it_and_is_taken_back() {
 }
 
 #[test]
-fn a_trip_is_shown_with_its_cause_and_cleared_only_by_who_has_seen_it() {
+fn a_trip_is_shown_with_its_cause_and_cleared_only_after_it_was_seen() {
     let files = Files::short(6).edit(
         crate::support::CELL,
         "temperature_max = \"60 °C\"",
@@ -768,7 +768,7 @@ fn a_trip_is_shown_with_its_cause_and_cleared_only_by_who_has_seen_it() {
 
 #[test]
 #[ignore = "drill"]
-fn a_listener_hears_what_changes_goes_on_where_it_was_and_a_slow_one_holds_nobody_up() {
+fn a_listener_hears_what_changes_goes_on_where_it_was_and_a_slow_one_delays_no_other() {
     let files = Files::short(4);
     let _ports = Ports::serve(&files, 10.0, 1);
     config(&files, "");

@@ -82,7 +82,7 @@ fn mail() -> (String, mpsc::Receiver<String>) {
 }
 
 #[test]
-fn ends_and_trips_are_told_by_webhook_and_by_mail() {
+fn ends_and_trips_are_reported_by_webhook_and_by_mail() {
     let files = Files::short(4).edit(
         CELL,
         "temperature_max = \"60 °C\"",
@@ -192,7 +192,7 @@ fn a_test_says_what_came_of_it_and_quiet_hours_keep_what_can_wait() {
 }
 
 #[test]
-fn a_wrong_receiver_is_told_by_its_field() {
+fn a_wrong_receiver_is_reported_by_its_field() {
     let files = Files::demo();
     for (section, words) in [
         (

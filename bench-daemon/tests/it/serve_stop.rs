@@ -186,7 +186,7 @@ fn every_bench_is_stopped_at_once_and_a_revoked_token_hears_nothing_more() {
 }
 
 #[test]
-fn tokens_made_at_the_same_time_are_all_kept_and_files_are_nobody_elses() {
+fn tokens_made_at_the_same_time_are_all_kept_and_files_are_private() {
     use std::os::unix::fs::PermissionsExt;
     let files = Files::short(2);
     config(&files, "");
@@ -292,7 +292,7 @@ fn who_listened_without_a_token_hears_nothing_more_once_there_is_one() {
 }
 
 #[test]
-fn what_is_written_without_a_umask_is_nobody_elses_all_the_same() {
+fn what_is_written_without_a_umask_is_private_all_the_same() {
     use std::os::unix::fs::PermissionsExt;
     let files = Files::short(2);
     config(&files, "");

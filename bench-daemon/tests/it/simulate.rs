@@ -318,7 +318,7 @@ fn says_what_is_missing() {
 }
 
 #[test]
-fn the_last_row_is_no_peak_and_charging_has_one_and_the_thesis_method_runs() {
+fn the_last_row_is_not_a_peak_and_charging_has_one_and_the_thesis_method_runs() {
     let folder = fitted();
     std::fs::write(folder.path().join("last.csv"), "0,100\n1,500\n").unwrap();
     std::fs::write(

@@ -530,7 +530,7 @@ fn a_circuit_without_dc_resistance_says_so_everywhere() {
 }
 
 #[test]
-fn what_is_no_model_is_refused_with_the_place() {
+fn what_is_not_a_model_is_refused_with_the_place() {
     let folder = folder();
     let run = |model: [&str; 2]| {
         refused(

@@ -648,7 +648,7 @@ fn the_linear_bipolar_supply_says_that_it_has_no_current_limit_and_drives_no_sho
 }
 
 #[test]
-fn a_point_too_fast_for_the_mains_is_no_news_and_one_note_is_said_once() {
+fn a_point_too_fast_for_the_mains_is_not_news_and_one_note_is_said_once() {
     let files = Files::short(4).edit(
         EXPERIMENT,
         "periods = 11",
@@ -669,7 +669,7 @@ fn a_point_too_fast_for_the_mains_is_no_news_and_one_note_is_said_once() {
 }
 
 #[test]
-fn nobody_reading_along_stops_no_measurement() {
+fn a_measurement_goes_on_without_a_reader() {
     let files = Files::short(2);
     let experiment = files.experiment();
     let run = files.path("run");

@@ -7,13 +7,13 @@ use bench_daemon::command::run::run_experiment;
 use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO, program};
 
 /// Result of a run: its exit code, and everything that it reports about its results.
-struct Told {
+struct RunResult {
     code: u8,
     words: String,
     files: Files,
 }
 
-fn run_result(files: Files) -> Told {
+fn run_result(files: Files) -> RunResult {
     let outcome = run_experiment(&files.load(), &files.path("run"));
     let (code, words) = match outcome {
         Ok(finished) => {
@@ -24,7 +24,7 @@ fn run_result(files: Files) -> Told {
         }
         Err(failure) => (failure.exit_code(), failure.to_string()),
     };
-    Told { code, words, files }
+    RunResult { code, words, files }
 }
 
 /// Controls, and the cell from 3 Hz to 300 Hz.
@@ -160,7 +160,7 @@ fn models(files: &Files) -> usize {
 }
 
 #[test]
-fn a_model_at_its_bounds_or_of_too_few_points_is_no_result_of_run_or_fit() {
+fn a_model_at_its_bounds_or_of_too_few_points_is_not_a_result_of_run_or_fit() {
     let sound = run_result(alone(7));
     assert_eq!(sound.code, 0, "{}", sound.words);
     let refused = sound.words.contains("no model with 1 RC: R");

@@ -332,7 +332,7 @@ impl<D: Model + ?Sized> Instrument<D> {
     }
 
     /// Returns whether a setting was made that must stay, or is being made.
-    pub fn was_told(&self) -> bool {
+    pub fn has_settings(&self) -> bool {
         self.expected
             .try_lock()
             .map_or(true, |expected| !expected.is_empty())

@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn headers_are_told_apart_as_they_arrive() {
+    fn headers_are_distinguished_as_they_arrive() {
         let table: [(&[u8], BlockHeader); 12] = [
             (b"", BlockHeader::Incomplete),
             (b"#", BlockHeader::Incomplete),

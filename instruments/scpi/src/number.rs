@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_named() {
+    fn what_is_not_a_number_is_named() {
         for text in [
             "", " ", ".", "-", "+-1", "1,5", "1.2.3", "0x10", "1e", "infinite", "---.--", "1 V",
             "--1", "1\n2",

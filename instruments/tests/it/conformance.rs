@@ -383,7 +383,7 @@ fn the_status_byte_tells_that_an_answer_waits_and_a_device_clear_takes_it_away()
 
 #[test]
 #[ignore = "drill"]
-fn an_empty_message_is_no_answer() {
+fn an_empty_message_is_not_an_answer() {
     over(&Kind::ALL, async |bench| {
         let mut link = bench
             .link(impatient(Grammar::Plain), Tap::none())

@@ -110,7 +110,7 @@ fn a_bath_and_a_scope_are_used_without_what_their_firmware_lacks() {
 }
 
 #[test]
-fn an_error_in_the_queue_of_a_scope_is_told() {
+fn an_error_in_the_queue_of_a_scope_is_reported() {
     in_virtual_time(async |clock| {
         let rig = Rig::new(clock, "rigol-dho800");
         rig.earlier_user(instruments::scpi::decode::Terminator::Lf, &[":NONSense 1"])

@@ -35,7 +35,7 @@ fn last(rig: &Rig) -> GeneratorState {
 }
 
 #[test]
-fn a_sine_comes_as_asked_and_goes_when_told() {
+fn a_sine_comes_as_asked_and_goes_when_switched_off() {
     in_virtual_time(async |clock| {
         let rig = Rig::new(clock, MODEL);
         let mut generator = driver(&rig).await;

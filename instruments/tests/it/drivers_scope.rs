@@ -172,7 +172,7 @@ fn what_was_chosen_before_the_stop_is_fetched_with_two_questions() {
 }
 
 #[test]
-fn a_scope_that_takes_transfer_settings_only_when_stopped_is_told_nothing_before() {
+fn a_scope_that_takes_transfer_settings_only_when_stopped_receives_nothing_before() {
     in_virtual_time(async |clock| {
         // It does not show that it has taken the stride.
         let rig = Rig::lying(clock, MODEL, &[(":WAVeform:INTerval?", b"1\n")]);

@@ -309,7 +309,7 @@ fn a_read_back_that_is_late_is_believed_and_one_that_never_comes_true_is_not() {
 }
 
 #[test]
-fn the_linear_family_is_never_told_what_it_does_not_know_and_obeys_its_wiring() {
+fn the_linear_family_never_receives_what_it_does_not_know_and_obeys_its_wiring() {
     for wired in [true, false] {
         in_virtual_time(async |clock| {
             let rig = Rig::with(

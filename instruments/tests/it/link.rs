@@ -220,7 +220,7 @@ fn a_queue_that_never_empties_does_not_hold_the_link() {
 }
 
 #[test]
-fn an_answer_that_is_no_queue_entry_drops_the_link() {
+fn an_answer_that_is_not_a_queue_entry_drops_the_link() {
     let script = |message: &str| {
         if message == "SYST:ERR?" {
             now("CURRENT\n")
@@ -378,7 +378,7 @@ fn an_exchange_may_run_on_any_task() {
 }
 
 #[test]
-fn what_harms_and_what_is_no_message_never_reaches_the_wire() {
+fn what_harms_and_what_is_not_a_message_never_reaches_the_wire() {
     with_link(
         plain(),
         |_| Reply::Hangup(b"1\n".to_vec()),

@@ -171,7 +171,7 @@ fn an_instrument_that_takes_nothing_meets_a_deadline() {
 }
 
 #[test]
-fn addresses_where_nobody_answers_are_named() {
+fn addresses_without_an_answer_are_named() {
     Clock::runtime(TimeMode::Virtual).unwrap().block_on(async {
         let (clock, hub) = (Clock::start(TimeMode::Virtual), MemoryHub::new());
         let table = [

@@ -281,7 +281,7 @@ fn the_generator_drives_the_world_and_restarts_its_phase_on_a_new_frequency() {
 }
 
 #[test]
-fn a_generator_plays_as_many_periods_as_it_was_told_and_waits_for_its_trigger() {
+fn a_generator_plays_as_many_periods_as_it_was_set_to_and_waits_for_its_trigger() {
     for (model, set, count, fire, elsewhere) in [
         (
             "siglent-sdg1000x",

@@ -248,7 +248,7 @@ fn every_condition_counts_for_every_answer() {
 }
 
 #[test]
-fn fits_and_diagnoses_are_told_page_by_page() {
+fn fits_and_diagnoses_are_reported_page_by_page() {
     let place = place();
     for number in (0..230).step_by(10) {
         let run = Made::of(number);
@@ -322,7 +322,7 @@ fn ageing_tells_serial_numbers_that_differ_and_leaves_models_of_several_cells_ou
 }
 
 #[test]
-fn folders_are_told_in_the_order_of_the_runs() {
+fn folders_are_reported_in_the_order_of_the_runs() {
     let place = place();
     let catalog = place.open();
     let runs = catalog.runs(&filter(&[("most", "3")])).unwrap().runs;

@@ -97,7 +97,7 @@ fn no_filter_is_found_where_there_is_none() {
 }
 
 #[test]
-fn a_source_that_is_slow_is_no_slow_logger() {
+fn a_source_that_is_slow_is_not_a_slow_logger() {
     let mut set = damaged(1, |t, i| filtered(t, i, 1.0, false));
     for run in &mut set.runs {
         if let RunData::Time(record) = &mut run.data {
@@ -149,7 +149,7 @@ fn the_errors_of_the_corrected_current_are_what_they_are() {
 
 /// A step too small to show in the voltage shows in the log, if it lasts.
 #[test]
-fn a_small_step_is_told_by_the_log() {
+fn a_small_step_is_reported_by_the_log() {
     // Within the rest after a discharge.
     let from_s = |t: &[f64]| 0.8 * t[t.len() - 1];
     let stepped = |t: &[f64], i: &[f64]| -> Vec<f64> {

@@ -195,7 +195,7 @@ fn stays(
 /// A supply that settles by less than the noise within a second has no noise: its current stays as
 /// it was logged.
 #[test]
-fn a_current_that_settles_is_no_noise() {
+fn a_current_that_settles_is_not_noise() {
     let (mut chance, sigma_a) = (Chance::new(4), 0.05);
     let history = BenchHistory {
         current_noise_a: sigma_a,

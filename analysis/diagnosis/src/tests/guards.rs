@@ -29,7 +29,7 @@ fn names(d: &Diagnosis) -> Vec<&'static str> {
 }
 
 #[test]
-fn noise_of_the_current_channel_is_no_physics() {
+fn noise_of_the_current_channel_is_not_physics() {
     let mut false_names = 0;
     for seed in 20..26 {
         let set = campaign(seed, &Hidden::default(), &Hidden::default());
@@ -200,7 +200,7 @@ fn a_name_that_predicts_worse_than_the_refit_is_only_a_lead() {
 }
 
 #[test]
-fn a_record_that_is_missed_by_more_millivolts_is_told_by_name() {
+fn a_record_that_is_missed_by_more_millivolts_is_reported_by_name() {
     let hidden = Hidden {
         per_soc: -0.6,
         ..Hidden::default()
@@ -261,7 +261,7 @@ fn mechanisms_are_named_where_no_formula_may_be() {
 }
 
 #[test]
-fn a_small_help_is_no_name() {
+fn a_small_help_is_not_a_name() {
     let hidden = Hidden {
         ripple_v: 8e-3,
         ..Hidden::default()
@@ -343,7 +343,7 @@ fn where_the_floor_moved_predictions_are_still_offered() {
 
 /// A comparison with NaN is false: such a prediction must not pass as no worse.
 #[test]
-fn a_prediction_that_is_no_number_is_worse() {
+fn a_prediction_that_is_not_a_number_is_worse() {
     let set = campaign(44, &Hidden::default(), &Hidden::default());
     let prepared = prepare(&set, &model(), Guards::default()).unwrap();
     let mut workspace = Workspace::default();
@@ -367,7 +367,7 @@ fn a_prediction_that_is_no_number_is_worse() {
 }
 
 #[test]
-fn a_parameter_at_its_bound_is_no_name() {
+fn a_parameter_at_its_bound_is_not_a_name() {
     // Twice the slope: the curve is another cell's, which no error of a capacity reaches.
     let hidden = Hidden {
         slope: 0.9,
@@ -580,7 +580,7 @@ fn ranged(seed: u64, gain: f64) -> DataSet {
 }
 
 #[test]
-fn what_differs_between_circumstances_is_no_noise() {
+fn what_differs_between_circumstances_is_not_noise() {
     // So little that the sum of all squares takes it for noise.
     let set = ranged(101, 0.003);
     let differs = |d: &Diagnosis| {
@@ -634,7 +634,7 @@ fn assert_found_in_repeats(set: impl Fn(f64) -> DataSet, hidden: f64, note: &str
 /// A ripple over the charge is not an effect of the catalogue. In each record it is a third of the
 /// noise; the mean of three contains all of it.
 #[test]
-fn what_all_repeats_have_in_common_is_no_noise() {
+fn what_all_repeats_have_in_common_is_not_noise() {
     let set = |ripple_v: f64| {
         let hidden = Hidden {
             ripple_v,
@@ -648,7 +648,7 @@ fn what_all_repeats_have_in_common_is_no_noise() {
 /// 15 µΩ at 20 to 60 A are 0.3 to 0.9 mV for some samples of some pulses, in another way in each
 /// repeat.
 #[test]
-fn a_contact_that_comes_and_goes_is_no_noise() {
+fn a_contact_that_comes_and_goes_is_not_noise() {
     let set = |telegraph_ohm: f64| {
         let hidden = Hidden {
             telegraph_ohm,
@@ -660,7 +660,7 @@ fn a_contact_that_comes_and_goes_is_no_noise() {
 }
 
 #[test]
-fn a_fit_that_did_not_converge_is_no_evidence() {
+fn a_fit_that_did_not_converge_is_not_evidence() {
     let hidden = Hidden {
         per_soc: -0.6,
         ..Hidden::default()

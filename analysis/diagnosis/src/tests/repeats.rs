@@ -131,7 +131,7 @@ fn toggling(amps: f64, count: usize) -> impl Iterator<Item = f64> {
 }
 
 #[test]
-fn charge_is_told_in_stretches_without_a_reversal() {
+fn charge_is_reported_in_stretches_without_a_reversal() {
     let swing = |out: usize, back: usize| {
         toggling(5.0, out)
             .chain(toggling(0.0, 50))
@@ -245,7 +245,7 @@ fn slow_points_of_a_sweep_are_no_break() {
 }
 
 #[test]
-fn noise_of_a_small_current_is_no_edge() {
+fn noise_of_a_small_current_is_not_an_edge() {
     let current_a: Vec<f64> = toggling(0.0, 20)
         .chain(toggling(3.0, 100))
         .chain(toggling(0.0, 40))

@@ -23,5 +23,6 @@ pub use any_table::{Cells, TableColumn, csv_text, parquet_bytes, write_table};
 pub use error::BatchError;
 pub use long_form::{LongForm, TableSpectrum};
 pub use models::{TableModel, is_table_of_models, read_models};
+pub use parquet::has_same_rows;
 pub use parts::{Parts, PartsPlan};
 pub use written::write_long_form;

@@ -139,6 +139,15 @@ impl ParquetRows {
     }
 }
 
+/// Returns whether two files are Parquet tables of the same columns and rows, whichever program wrote them.
+pub fn has_same_rows(one: &Path, other: &Path) -> bool {
+    let table = |path: &Path| reader(path).ok()?.finish().ok();
+    match (table(one), table(other)) {
+        (Some(one), Some(other)) => one.equals_missing(&other),
+        _ => false,
+    }
+}
+
 fn reader(path: &Path) -> Result<ParquetReader<File>, BatchError> {
     let file = File::open(path).map_err(|source| BatchError::Io {
         path: path.to_path_buf(),

@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moved_file_is_told_until_it_is_back() {
+    fn a_moved_file_is_reported_until_it_is_back() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(moved_captures(folder.path()), Ok(None));
         list().write(folder.path()).unwrap();

@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_table_of_points_is_refused_with_line_and_field() {
+    fn what_is_not_a_table_of_points_is_refused_with_line_and_field() {
         let folder = tempfile::tempdir().unwrap();
         let refused = |text: &str| {
             std::fs::write(folder.path().join(MAP_POINTS), text).unwrap();

@@ -50,7 +50,7 @@ fn resistances_and_capacitances_are_a_model_without_more() {
 }
 
 #[test]
-fn what_is_no_model_is_refused_with_what_was_expected() {
+fn what_is_not_a_model_is_refused_with_what_was_expected() {
     for (text, expected) in [
         ("nothing", "expected a model as JSON: expected ident"),
         (

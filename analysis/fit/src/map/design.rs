@@ -58,12 +58,13 @@ impl Design {
             .time_constants_s
             .iter()
             .partition(|tau| train.shows(**tau));
+        let beyond_s = |omega: &f64| (CONTINUED / omega).max(LEAST_CONTINUED_S);
         let continued_from = train.highest_omega().filter(|omega| {
-            let tau_s = CONTINUED / omega;
-            tau_s >= LEAST_CONTINUED_S && taus_s.first().is_some_and(|first_s| tau_s < *first_s)
+            let tau_s = beyond_s(omega);
+            tau_s * omega < 1.0 && !train.log_shows(tau_s)
         });
         if let Some(omega) = continued_from {
-            taus_s.insert(0, CONTINUED / omega);
+            taus_s.insert(0, beyond_s(&omega));
         }
         let (nodes_degc, unit_ohm) = nodes(train, places, options.node_distance_k)?;
         Ok(Self {

@@ -19,7 +19,8 @@ impl Design {
         }
         if let Some(omega) = self.continued_from {
             notes.push(format!(
-                "a branch of {:.2} ms continues the spectra beyond {:.0} Hz: its resistance is extrapolated",
+                "a branch of {:.2} ms continues the spectra beyond {:.0} Hz, their highest frequency without an \
+                inductive part: its resistance is extrapolated",
                 1e3 * self.taus_s[0],
                 omega / TAU
             ));

@@ -95,7 +95,8 @@ impl<'a> Train<'a> {
         currents_a.map(|current_a| current_a.abs()).reduce(f64::max)
     }
 
-    /// Highest angular frequency of the fitted spectra, rad/s; `None` without spectra.
+    /// Highest angular frequency of the fitted spectra without their inductive points, rad/s; `None` without
+    /// spectra.
     pub(super) fn highest_omega(&self) -> Option<f64> {
         let highest = self.sweeps.iter().filter_map(|sweep| sweep.fitted().last());
         highest.map(|point| point.omega).reduce(f64::max)
@@ -119,7 +120,11 @@ impl<'a> Train<'a> {
     /// Returns whether a log or a spectrum shows a branch of this time constant. A log shows one of at
     /// least two of its steps, because a faster one looks like a lag of the voltage.
     pub(super) fn shows(&self, tau_s: f64) -> bool {
+        self.log_shows(tau_s) || self.sweeps.iter().any(|sweep| sweep.shows(tau_s))
+    }
+
+    pub(super) fn log_shows(&self, tau_s: f64) -> bool {
         let log = |log: &&Log| tau_s >= 2.0 * log.step_s() && tau_s <= log.longest_s();
-        self.logs.iter().any(log) || self.sweeps.iter().any(|sweep| sweep.shows(tau_s))
+        self.logs.iter().any(log)
     }
 }

@@ -110,7 +110,7 @@ fn the_impedance_of_a_robots_log_lies_within_its_interval_and_quiet_bands_are_re
 /// Noise of the current sensor lowers the impedance; where it is a tenth of the current's power or more,
 /// nothing is stated.
 #[test]
-fn noise_of_the_current_is_no_smaller_impedance() {
+fn noise_of_the_current_is_not_a_smaller_impedance() {
     for (load_a, noise_a) in [(2.0, 0.2), (5.0, 0.2), (30.0, 0.5)] {
         let noisy = Logger { noise_a, ..BMS };
         let logged = record(&[cell(1.0)], 600.0, &noisy, load_a, 3);
@@ -166,7 +166,7 @@ fn cells(excess: f64, rng: &mut Rng) -> Vec<Erm> {
 }
 
 #[test]
-fn a_weak_cell_is_named_and_a_healthy_string_accuses_nobody() {
+fn a_weak_cell_is_named_and_a_healthy_string_has_no_suspect() {
     let (mut named, mut wrong, mut accused) = (0, 0, 0);
     let strings = 60;
     for seed in 0..strings {

@@ -320,7 +320,7 @@ fn clipping_is_caught() {
 }
 
 #[test]
-fn noise_is_found_without_being_told() {
+fn noise_is_found_without_a_stated_one() {
     let mut noise = Noisy::new(24);
     for sigma in [5e-4, 5e-3] {
         let cell = any_cell(&mut noise);
@@ -681,7 +681,7 @@ fn a_clipped_sine_is_bad_by_its_harmonics() {
 }
 
 #[test]
-fn repeats_that_drift_are_told_from_repeats_that_do_not() {
+fn repeats_that_drift_differ_from_repeats_that_do_not() {
     let run = |seed: u64, drift: f64| {
         let mut noise = Noisy::new(seed);
         let cell = any_cell(&mut noise);
@@ -816,7 +816,7 @@ fn called_without_sigmas(sigma: fn(f64) -> f64) -> (u32, u32) {
 }
 
 #[test]
-fn small_noise_that_is_not_in_proportion_is_no_fault() {
+fn small_noise_that_is_not_in_proportion_is_not_a_fault() {
     let slow: fn(f64) -> f64 = |f| if f < 0.1 { 1.5e-3 } else { 5e-4 };
     let fast: fn(f64) -> f64 = |f| if f > 1e3 { 1e-3 } else { 1e-4 };
     for sigma in [slow, fast] {
@@ -866,7 +866,7 @@ fn significance_needs_size() {
 }
 
 #[test]
-fn an_end_of_the_band_is_told_by_the_fit_to_all() {
+fn an_end_of_the_band_is_reported_by_the_fit_to_all() {
     let mut noise = Noisy::new(33);
     let cell = any_cell(&mut noise);
     let fault: Fault = |k, z| {

@@ -8,7 +8,7 @@
 use super::law::Demand;
 use super::model::SimModel;
 use super::trace::Trace;
-use analysis_model::map::{RUN_PROBABILITY, Unmeasured};
+use analysis_model::map::{Instant, RUN_PROBABILITY, Unmeasured};
 use analysis_numeric::stats::chi_factor;
 use serde::Serialize;
 
@@ -61,6 +61,10 @@ impl RunBand {
             }
             RunError::Parameters(count, sigma_v) => (count, sigma_v.to_vec()),
         };
+        let unmeasured_v = match error {
+            RunError::Map => unmeasured_sigma_v(model, trace),
+            RunError::Parameters(..) => vec![0.0; own_v.len()],
+        };
         if own_v.len() != trace.time_s.len() || own_v.is_empty() {
             return None;
         }
@@ -69,7 +73,6 @@ impl RunBand {
             .and_then(|map| map.voltage_error.as_ref()?.whole_runs);
         let sigmas = chi_factor(RUN_PROBABILITY, terms as f64);
         let measured = measured.unwrap_or(1.0);
-        let unmeasured_v = unmeasured_sigma_v(model, trace);
         let rows = own_v.iter().zip(&losses_v).zip(&unmeasured_v).enumerate();
         let half_v: Vec<f64> = rows
             .map(|(k, ((own_v, loss_v), unmeasured_v))| {
@@ -115,10 +118,18 @@ fn unmeasured_sigma_v(model: &SimModel, trace: &Trace) -> Vec<f64> {
     let (series, parallel) = (f64::from(model.pack.series), f64::from(model.pack.parallel));
     let mut unmeasured = Unmeasured::new(map);
     let of_row = |k: usize| {
-        let step_s = trace.time_s[k] - trace.time_s[k.saturating_sub(1)];
-        let place = (trace.soc[k], trace.temperature_degc[k]);
+        // A run that begins with voltages of its branches has had their current.
+        let step_s = match k {
+            0 => f64::INFINITY,
+            _ => trace.time_s[k] - trace.time_s[k - 1],
+        };
+        let at = Instant {
+            soc: trace.soc[k],
+            temperature_degc: trace.temperature_degc[k],
+            current_a: trace.current_a[k] / parallel,
+        };
         let branch_v = trace.v_rc_v.iter().map(|v| v[k] / series);
-        unmeasured.advance(step_s, place, trace.current_a[k] / parallel, branch_v)
+        unmeasured.advance(step_s, at, branch_v)
     };
     (0..rows).map(of_row).collect()
 }

@@ -5,7 +5,7 @@ use super::error::ForwardError;
 use super::nonlinear::Laws;
 use analysis_effects::augmented::Augmented;
 use analysis_model::{
-    map::{CellMap, TEMPERATURES_DEGC, Unmeasured},
+    map::{CellMap, Instant, TEMPERATURES_DEGC, Unmeasured},
     model::Erm,
     ocv::OcvCurve,
     pack::Pack,
@@ -267,10 +267,16 @@ impl SimModel {
         let at = map.place(state.soc, degc);
         let slope_v = self.curve_v(state.soc).1 / series;
         let own_v = map.sigma_v(&at, slope_v, ocv_v / series - cell_v)?;
+        if !map.has_unmeasured() {
+            return Some(own_v);
+        }
+        let now = Instant {
+            soc: state.soc,
+            temperature_degc: degc,
+            current_a: current_a / f64::from(self.pack.parallel),
+        };
         let branch_v = state.v_rc_v.iter().map(|v| v / series);
-        let cell_a = current_a / f64::from(self.pack.parallel);
-        let lasting =
-            Unmeasured::new(map).advance(f64::INFINITY, (state.soc, degc), cell_a, branch_v);
+        let lasting = Unmeasured::new(map).advance(f64::INFINITY, now, branch_v);
         Some(own_v.hypot(lasting))
     }
 

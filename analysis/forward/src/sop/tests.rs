@@ -181,7 +181,7 @@ fn the_ends_are_the_simple_ir_model() {
 }
 
 #[test]
-fn what_ends_the_power_is_told() {
+fn what_ends_the_power_is_reported() {
     let model = SimModel::pack(
         &erm(),
         OcvSource::Constant(3.7),

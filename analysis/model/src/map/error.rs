@@ -19,8 +19,9 @@ pub struct VoltageError {
     pub share: Vec<f64>,
     /// Data that show it.
     pub from: ErrorSource,
-    /// Factor on the standard deviation that a band for a whole run needs beside that of χ² of two terms, as
-    /// whole pieces of the logs show; none in files of earlier versions.
+    /// Factor on the standard deviation that a band for a whole run needs beside that of χ² of its
+    /// [`lasting_errors`](super::CellMap::lasting_errors), as whole pieces of the logs show; none in files of
+    /// earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub whole_runs: Option<f64>,
 }

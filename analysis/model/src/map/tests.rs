@@ -87,7 +87,7 @@ fn the_correction_of_the_ocv_follows_soc_and_temperature() {
 }
 
 #[test]
-fn what_is_no_map_is_refused_by_field() {
+fn what_is_not_a_map_is_refused_by_field() {
     type Break = fn(&mut CellMap);
     let cases: [(Break, &str); 9] = [
         (|m| m.soc = vec![0.5], "soc: expected 2 values"),

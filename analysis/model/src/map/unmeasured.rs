@@ -1,14 +1,25 @@
 //! Errors of what the data of a map show least: its extrapolated branches, and the voltage of charge
-//! transfer at currents beyond those of the logs.
+//! transfer.
 
 use super::CellMap;
 
 /// Standard deviation of the resistance of an extrapolated branch as a part of it: exponents of
-/// constant-phase elements from 0.5 to 1 give from twice its resistance to none.
+/// constant-phase elements from 0.55 to 1 give from about twice its resistance to none.
 const EXTRAPOLATED_SHARE: f64 = 0.5;
-/// Standard deviation of the logarithm of the voltage of charge transfer, which the logs determine at their
-/// currents: in porous electrodes it rises by up to 40 % from small currents to large ones.
+/// Standard deviation of the logarithm of the voltage of charge transfer: in porous electrodes it rises by
+/// up to 40 % from small currents to large ones, and a fit finds one for the currents of its logs.
 const BEND_SIGMA: f64 = 0.2;
+
+/// An instant of a cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Instant {
+    /// State of charge.
+    pub soc: f64,
+    /// Temperature, °C.
+    pub temperature_degc: f64,
+    /// Current, A.
+    pub current_a: f64,
+}
 
 /// Both errors along a run of a cell.
 #[derive(Debug, Clone)]
@@ -31,25 +42,26 @@ impl<'a> Unmeasured<'a> {
         }
     }
 
-    /// Moves by a time, s, to a state of a SOC, a temperature, °C, a current, A, and the voltages of all
-    /// branches, V, and returns the standard deviation of its voltage, V. After an infinite time the errors
-    /// are those of a current that has lasted.
+    /// Moves by a time, s, to an instant with the voltages of all branches, V, and returns the standard
+    /// deviation of its voltage, V. After an infinite time the errors are those of a current that has lasted.
     ///
     /// What an extrapolated branch settles at is measured, so that it is wrong by a part of what it still
     /// lacks. The change v′ of a voltage v with ln b obeys τ·dv′/dt = cosh(v/b)·(v − b·tanh(v/b) − v′).
     pub fn advance(
         &mut self,
         step_s: f64,
-        (soc, temperature_degc): (f64, f64),
-        current_a: f64,
+        at: Instant,
+
         branch_v: impl IntoIterator<Item = f64>,
     ) -> f64 {
-        let values = self.map.values(soc, temperature_degc, &mut self.branch_ohm);
+        let values = self
+            .map
+            .values(at.soc, at.temperature_degc, &mut self.branch_ohm);
         let branches = self.map.branches.iter().zip(&self.branch_ohm);
         let states = branches.zip(&mut self.fallen_v).zip(branch_v);
         let (mut lacking_v, mut fallen_sum_v) = (0.0, 0.0);
         for (((branch, r_ohm), fallen_v), v) in states {
-            let drive = values.drive(branch.tau_s, *r_ohm, current_a);
+            let drive = values.drive(branch.tau_s, *r_ohm, at.current_a);
             if branch.extrapolated {
                 lacking_v += drive.settled_v() - v;
             }
@@ -104,10 +116,14 @@ mod tests {
         let map = map(None);
         assert_eq!(map.lasting_errors(), 3);
         let mut unmeasured = Unmeasured::new(&map);
-        let at = (0.5, 25.0);
+        let at = Instant {
+            soc: 0.5,
+            temperature_degc: 25.0,
+            current_a: 10.0,
+        };
         // Half of 2 mΩ at 10 A at once, half of what 4 mV lack later, none at last.
         for (v, expected) in [(0.0, 0.01), (0.016, 0.002), (0.02, 0.0)] {
-            let met = unmeasured.advance(1e-3, at, 10.0, [v, 0.1]);
+            let met = unmeasured.advance(1e-3, at, [v, 0.1]);
             assert!((met - expected).abs() < 1e-12, "{v}: {met}");
         }
     }
@@ -131,7 +147,12 @@ mod tests {
                     let step = BranchStep::new(step_s, branch.tau_s);
                     *v = step.bent_end(*v, drive, drive).v;
                 }
-                errors.push(unmeasured.advance(step_s, (0.5, 25.0), current_a, v));
+                let at = Instant {
+                    soc: 0.5,
+                    temperature_degc: 25.0,
+                    current_a,
+                };
+                errors.push(unmeasured.advance(step_s, at, v));
                 sums.push(v.iter().sum::<f64>());
             }
             sums

@@ -721,7 +721,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_whole_record_is_refused() {
+    fn what_is_not_a_whole_record_is_refused() {
         let (volts, harmonics, interval_s) = record(
             &Case {
                 noise_v: 0.0,

@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_moved_is_told() {
+    fn what_cannot_be_moved_is_reported() {
         // Eight classes of odd harmonics beside multiples of 32 hold no twenty lines.
         let lines: Vec<usize> = (0..20)
             .map(|k| 3 + 2 * k + 2 * (k / 2))

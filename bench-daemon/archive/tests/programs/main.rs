@@ -115,7 +115,7 @@ fn a_run_goes_into_the_archive_once_and_comes_back_as_it_was() {
 }
 
 #[test]
-fn captures_that_were_moved_are_told_from_captures_that_are_lost() {
+fn captures_that_were_moved_differ_from_captures_that_are_lost() {
     let at = Archived::new();
     let captures = at.captures();
     assert!(captures > 3);
@@ -165,7 +165,7 @@ fn captures_that_were_moved_are_told_from_captures_that_are_lost() {
 }
 
 #[test]
-fn what_is_wrong_with_an_archive_is_told_with_what_was_expected() {
+fn what_is_wrong_with_an_archive_is_reported_with_what_was_expected() {
     let at = Archived::new();
     let message = |words: &[&str], code: i32| at.ask(words).expect_code(code).message().to_owned();
     let error = message(&["push", "second"], 2);

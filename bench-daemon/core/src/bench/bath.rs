@@ -71,7 +71,7 @@ impl Bench {
             .instruments
             .chiller
             .as_mut()
-            .filter(|chiller| !chiller.is_regulated() && chiller.was_told())?;
+            .filter(|chiller| !chiller.is_regulated() && chiller.has_settings())?;
         if let Some(reason) = &order.stop {
             return Some(stopped(bath, reason).await);
         }

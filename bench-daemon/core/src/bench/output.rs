@@ -489,7 +489,7 @@ mod tests {
     }
 
     #[test]
-    fn a_generator_that_was_left_at_its_least_sine_is_told_as_that() {
+    fn a_generator_that_was_left_at_its_least_sine_is_reported_as_that() {
         let held = Output {
             by: Some(LEAST_SINE.to_owned()),
             ..output("generator", false, None)
@@ -509,7 +509,7 @@ mod tests {
     }
 
     #[test]
-    fn an_analog_supply_is_never_told_to_be_off() {
+    fn an_analog_supply_is_never_switched_off() {
         let analog = Output {
             model: "analog".to_owned(),
             by: Some(UNSWITCHED.to_owned()),
@@ -596,7 +596,7 @@ mod tests {
     }
 
     #[test]
-    fn the_greatest_current_is_told_first() {
+    fn the_greatest_current_is_reported_first() {
         let report = SafeReport::of(
             "demo",
             vec![

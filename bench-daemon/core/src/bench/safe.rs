@@ -718,7 +718,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_to_another_question_is_no_current() {
+    fn an_answer_to_another_question_is_not_a_current() {
         let output = ended(Liar {
             amps: Amps(3.7),
             in_step: false,

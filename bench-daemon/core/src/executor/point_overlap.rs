@@ -77,11 +77,11 @@ impl Executor<'_> {
             return Ok(());
         }
         self.rig.begin(fixture, &next.sine);
-        let told_s = self.rig.clock.now();
+        let sent_s = self.rig.clock.now();
         self.rig.drive(&tone).await?;
         let proven_s = self.rig.clock.now();
-        let since_s = if proven_s - told_s <= PROMPT_S {
-            told_s
+        let since_s = if proven_s - sent_s <= PROMPT_S {
+            sent_s
         } else {
             proven_s
         };

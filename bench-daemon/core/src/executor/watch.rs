@@ -421,7 +421,7 @@ impl Rig<'_> {
                     .instruments
                     .$field
                     .as_mut()
-                    .filter(|instrument| instrument.was_told())
+                    .filter(|instrument| instrument.has_settings())
                 else {
                     return Ok(None);
                 };

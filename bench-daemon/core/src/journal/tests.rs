@@ -35,7 +35,7 @@ fn written() -> tempfile::TempDir {
 }
 
 #[test]
-fn a_missed_state_of_charge_is_told_by_its_kind_or_in_older_journals_by_its_words() {
+fn a_missed_state_of_charge_is_reported_by_its_kind_or_in_older_journals_by_its_words() {
     let words =
         "run 1 (cell A, repeat 1): SOC reset: expected 3.7 V to 3.74 V at rest, found 3.6 V";
     let missed = |text: &str| Note {

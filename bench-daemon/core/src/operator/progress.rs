@@ -103,7 +103,7 @@ const WHOLE: u64 = 10_000;
 pub struct Share {
     bar: ProgressBar,
     terminal: bool,
-    told_s: Cell<u64>,
+    printed_s: Cell<u64>,
 }
 
 impl Share {
@@ -120,7 +120,7 @@ impl Share {
         Self {
             bar,
             terminal,
-            told_s: Cell::new(0),
+            printed_s: Cell::new(0),
         }
     }
 
@@ -129,8 +129,8 @@ impl Share {
         self.bar.set_position((share * WHOLE as f64) as u64);
         self.bar.set_message(done.to_owned());
         let elapsed_s = self.bar.elapsed().as_secs();
-        if !self.terminal && elapsed_s >= self.told_s.get() + QUIET_S {
-            self.told_s.set(elapsed_s);
+        if !self.terminal && elapsed_s >= self.printed_s.get() + QUIET_S {
+            self.printed_s.set(elapsed_s);
             let left_s = elapsed_s as f64 * (1.0 - share) / share.max(f64::EPSILON);
             remark!("{done}, {:.0} %, about {left_s:.0} s left", 100.0 * share);
         }

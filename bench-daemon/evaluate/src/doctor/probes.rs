@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn on_the_shunt_a_swap_of_pairs_is_no_mistake_and_a_reversed_pair_is() {
+    fn on_the_shunt_a_swap_of_pairs_is_not_a_mistake_and_a_reversed_pair_is() {
         let good = milli([17.0, 27.0, 17.0, 27.0]);
         assert_eq!(
             SHUNT.explain([2, 3, 0, 1].map(|from: usize| good[from])),
@@ -376,7 +376,7 @@ mod tests {
 
     /// A wrong value produces readings that a wrong probe could also produce: both are reported.
     #[test]
-    fn a_control_of_another_value_is_told_beside_what_else_it_may_be() {
+    fn a_control_of_another_value_is_reported_beside_what_else_it_may_be() {
         let fake_of_6 = FAKE.explain(milli([17.0, 27.0, 39.0, 45.0]));
         assert!(
             matches!(fake_of_6[..], [Mistake::Control(ohm)] if (ohm - 6.0e-3).abs() < 1.0e-9),

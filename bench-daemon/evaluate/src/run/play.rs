@@ -34,7 +34,7 @@ use bench_plan::{
 
 /// Returns an error if an instrument that can move charge is switched on: another program may be
 /// using the bench, and nothing was changed yet.
-pub async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
+pub async fn ensure_outputs_off(bench: &mut Bench) -> Result<(), Failure> {
     let found = state_readback::look(bench).await?;
     // A bipolar supply without an output switch is at zero while its generator is off.
     let commanded = found
@@ -315,7 +315,7 @@ impl Run<'_> {
         self.manifest(&identities, "running")?;
         // Only outputs that this run may have left on may be switched off here.
         if !self.context.as_ref().is_some_and(ResumeContext::has_driven) {
-            nobody_drives(bench).await?;
+            ensure_outputs_off(bench).await?;
         }
         if self.context.is_some() {
             self.read_back_outputs(bench).await?;

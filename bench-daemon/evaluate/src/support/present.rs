@@ -152,18 +152,18 @@ pub fn significant(value: f64, digits: i32) -> String {
 }
 
 /// Most points that are listed one by one.
-const MOST_TOLD: usize = 6;
+const MOST_LISTED: usize = 6;
 
 /// Points that a quality gate has refused, with the reasons.
 pub fn refused_in_words(flagged: &[FlaggedPoint]) -> String {
-    let listed = flagged.iter().take(MOST_TOLD).map(|point| {
+    let listed = flagged.iter().take(MOST_LISTED).map(|point| {
         format!(
             "{} Hz ({})",
             significant(point.freq_hz, 5),
             point.reasons.join("; ")
         )
     });
-    let more = flagged.len().saturating_sub(MOST_TOLD);
+    let more = flagged.len().saturating_sub(MOST_LISTED);
     listed
         .chain((more > 0).then(|| format!("{more} more")))
         .collect::<Vec<_>>()

@@ -21,7 +21,7 @@ pub(super) struct Post {
     /// Revision of its own record, once registered.
     revision: Option<u64>,
     reported: Option<BenchRecord>,
-    told_s: f64,
+    posted_s: f64,
     rival: Option<Rival>,
     /// Whether another process has taken the name: the data folder is then not exclusive to this
     /// process.
@@ -41,14 +41,14 @@ impl Post {
             shared: shared.clone(),
             revision: None,
             reported: None,
-            told_s: f64::NEG_INFINITY,
+            posted_s: f64::NEG_INFINITY,
             rival: None,
             is_displaced: false,
         }
     }
 
     /// Returns the state that was reported last.
-    pub(super) fn told_state(&self) -> Option<BenchState> {
+    pub(super) fn posted_state(&self) -> Option<BenchState> {
         self.reported.as_ref().map(|record| record.state)
     }
 
@@ -59,7 +59,7 @@ impl Post {
     /// The broker does not answer.
     pub(super) async fn tell(&mut self, record: &BenchRecord) -> Result<bool, FleetError> {
         let now_s = self.shared.link.clock.now_s();
-        let age_s = now_s - self.told_s;
+        let age_s = now_s - self.posted_s;
         let is_due = age_s >= self.shared.lease_s / BEATS
             || (age_s >= CHANGE_S
                 && self
@@ -120,7 +120,7 @@ impl Post {
         }
         self.revision = Some(revision);
         self.reported = Some(record.clone());
-        self.told_s = self.shared.link.clock.now_s();
+        self.posted_s = self.shared.link.clock.now_s();
         self.rival = None;
     }
 

@@ -175,7 +175,7 @@ async fn a_second_daemon_under_the_same_name_takes_nothing_until_the_first_is_go
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn work_goes_where_it_fits_and_a_reason_is_told_where_it_fits_nowhere() {
+async fn work_goes_where_it_fits_and_a_reason_is_reported_where_it_fits_nowhere() {
     let Some(lab) = Lab::open().await else { return };
     let (b1, b2) = (lab.machine("b1", 0.1), lab.machine("b2", 0.1));
     let daemons = [lab.daemon(&b1), lab.daemon(&b2)];
@@ -493,7 +493,7 @@ async fn a_bench_that_cannot_begin_gives_its_job_back() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_broker_with_tls_and_a_password_lets_in_who_has_both() {
+async fn a_broker_with_tls_and_a_password_requires_both() {
     let folder = tempfile::tempdir().unwrap();
     let Some(broker) = Broker::start_with_tls(folder.path()) else {
         return;

@@ -81,7 +81,7 @@ async fn a_daemon_tells_of_the_whole_fleet_and_follows_it_only_while_somebody_lo
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 #[ignore = "drill"]
-async fn a_minute_after_the_last_look_nobody_follows_the_heartbeats() {
+async fn a_minute_after_the_last_look_heartbeats_are_not_followed() {
     let Some(lab) = Lab::open().await else { return };
     let b1 = lab.machine("b1", 0.1);
     let daemon = lab.daemon(&b1);

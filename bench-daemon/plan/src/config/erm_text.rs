@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_element() {
+    fn what_is_wrong_is_reported_with_its_element() {
         for (text, expected) in [
             (
                 "",

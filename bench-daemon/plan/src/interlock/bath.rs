@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bath_that_nobody_watches_afterwards_is_judged_within_seconds() {
+    fn an_unwatched_bath_is_judged_within_seconds() {
         let fault = |cell_degc, sensors_degc: &[f64]| {
             let mut judge = BathJudge::leaving(cell_degc);
             sensors_degc

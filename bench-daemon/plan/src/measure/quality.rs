@@ -483,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_change_that_the_fit_contains_is_no_difference_of_the_halves() {
+    fn a_small_change_that_the_fit_contains_is_not_a_difference_of_the_halves() {
         let measures = Measures {
             repeatability: Some((0.02, 0.001)),
             ..Measures::default()

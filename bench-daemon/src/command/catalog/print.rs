@@ -37,7 +37,7 @@ fn cells_of(run: &CatalogRun) -> String {
 }
 
 /// A map with its range and its error.
-fn told_map(map: &CatalogMap) -> String {
+fn map_text(map: &CatalogMap) -> String {
     let error = map.left_out_mv.map_or_else(String::new, |error_mv| {
         format!(", {} mV left out", significant(error_mv, 3))
     });
@@ -50,7 +50,7 @@ fn told_map(map: &CatalogMap) -> String {
 /// Runs, a line each.
 pub(super) fn runs(runs: &[CatalogRun]) {
     for run in runs {
-        let map = run.map.as_ref().map(told_map);
+        let map = run.map.as_ref().map(map_text);
         let map = map.map_or_else(String::new, |map| format!(", {map}"));
         let missing = if run.missing { ", missing" } else { "" };
         say!(
@@ -138,7 +138,7 @@ pub(super) fn run(shown: &RunShown) {
         );
     }
     if let Some(map) = &run.map {
-        say!("fit         {MAP}  {}", told_map(map));
+        say!("fit         {MAP}  {}", map_text(map));
     }
     for event in &shown.events {
         let by = event

@@ -66,7 +66,7 @@ pub fn load(path: &Path, model: Option<&str>) -> Result<(Replay, Outcome), Failu
     };
     let key = model
         .map(str::to_owned)
-        .or_else(|| told_model(path))
+        .or_else(|| model_name(path))
         .ok_or_else(|| {
             complain(format!(
                 "expected a {MANIFEST} beside the folder of the transcript that names the model, \
@@ -142,7 +142,7 @@ fn beside(path: &Path, name: &str) -> Option<PathBuf> {
 }
 
 /// The model by the file's name, or by the manifest of its run.
-fn told_model(path: &Path) -> Option<String> {
+fn model_name(path: &Path) -> Option<String> {
     let stem = path.file_stem()?.to_str()?;
     if terminator(stem).is_some() {
         return Some(stem.to_owned());

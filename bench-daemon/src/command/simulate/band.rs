@@ -6,7 +6,7 @@ use analysis::{
         SimState, Simulation, sensitivity,
     },
     given::GivenModel,
-    map::ErrorSource,
+    map::{CellMap, ErrorSource},
 };
 
 /// A run, and what was asked.
@@ -91,7 +91,13 @@ impl Uncertainty {
     /// Describes the band, in mV per cell.
     pub(super) fn text(&self, profile: &str, file: &GivenModel) -> Option<String> {
         let band = self.band.as_ref()?;
-        let shown = match file.map.as_ref().and_then(|map| map.voltage_error.as_ref()) {
+        let map = file.map.as_ref().filter(|map| map.voltage_error.is_some());
+        let unmeasured = if map.is_some_and(CellMap::has_unmeasured) {
+            ", with the errors of charge transfer and of what is faster than the spectra"
+        } else {
+            ""
+        };
+        let shown = match map.and_then(|map| map.voltage_error.as_ref()) {
             Some(error) => match error.from {
                 ErrorSource::HeldOut => "as held-out logs show, above 10 % of charge",
                 ErrorSource::LeftOut => {
@@ -107,7 +113,7 @@ impl Uncertainty {
         };
         Some(format!(
             "{profile}: with a probability of 95 % the voltage of a cell stays over the whole run within \
-            ± {:.0} mV of the prediction (mean; at most ± {:.0} mV), and so above {:.3} V, {shown}",
+            ± {:.0} mV of the prediction (mean; at most ± {:.0} mV), and so above {:.3} V, {shown}{unmeasured}",
             1e3 * band.mean_half_v,
             1e3 * band.most_half_v,
             band.lowest_v

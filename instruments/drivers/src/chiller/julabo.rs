@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn status_codes_are_told_apart() {
+    fn status_codes_are_distinguished() {
         for (answer, running, remote, alarm) in [
             ("00 MANUAL STOP", false, false, false),
             ("01 MANUAL START", true, false, false),

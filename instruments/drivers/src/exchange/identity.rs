@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_web_server_is_no_instrument() {
+    fn a_web_server_is_not_an_instrument() {
         assert!(Identity::parse("HTTP/1.1 400 Bad Request").is_web_server());
         assert!(!Identity::parse("HTTP Instruments,X1,7,1.0").is_web_server());
     }

@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_is_told_in_words_and_never_in_masks() {
+    fn what_differs_is_described_in_words_and_never_in_masks() {
         let bits = |mask, bits| Expect::Bits { mask, bits };
         let contains = |text: &str| Expect::Contains(text.to_owned());
         for (question, expect, answer, words) in [

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_message_is_named() {
+    fn what_is_not_a_message_is_named() {
         let mut reader = Messages::new(100);
         reader.push(b"HTTP/1.1 400 Bad Request");
         assert_eq!(

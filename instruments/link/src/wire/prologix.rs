@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn commands_and_data_are_told_apart() {
+    fn commands_and_data_are_distinguished() {
         let command = |text: &str| Line::Command(text.to_owned());
         let data = |bytes: &[u8]| Line::Data(bytes.to_vec());
         let table: [(&[u8], Vec<Line>); 6] = [

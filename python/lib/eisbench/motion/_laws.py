@@ -220,8 +220,8 @@ def _error_v(pack: Pack) -> tuple[float, float]:
     as a share of the overpotential, under a current of one second that would take the cell to its lower
     limit if the resistance did not fall under current."""
 
-    def errors_v(current_a: float) -> tuple[float, float, float]:
-        """At rest, V, and under the current, with the overpotential there, V."""
+    def error_under(current_a: float) -> tuple[float, float, Any]:
+        """Standard deviation at rest, V, its growth, and the run."""
         run = pack.model.simulate(
             [0.0, 1.0, 2.0, 3.0],
             current_a=[0.0, 0.0, current_a, 0.0],
@@ -233,16 +233,14 @@ def _error_v(pack: Pack) -> tuple[float, float]:
             raise EisError(message)
         sigma_v, loss_v = run["cell_sigma_v"], run["ocv_v"] - run["cell_v"]
         most = int(np.argmax(loss_v))
-        return float(sigma_v[0]), float(sigma_v[most]), float(loss_v[most])
-
-    def growth(rest_v: float, sigma_v: float, loss_v: float) -> float:
-        return math.sqrt(max(sigma_v**2 - rest_v**2, 0.0)) / loss_v
+        grown2 = max(sigma_v[most] ** 2 - sigma_v[0] ** 2, 0.0)
+        return float(sigma_v[0]), math.sqrt(grown2) / float(loss_v[most]), run
 
     # The error of the resistances alone shows at a small current, that of their fall at a large one.
-    rest_v, sigma_v, loss_v = errors_v(1.0)
-    of_resistances = growth(rest_v, sigma_v, loss_v)
-    start_v = pack.model.simulate([0.0, 1.0], current_a=[0.0, 0.0], soc=pack.soc)["cell_v"][0]
-    of_all = growth(*errors_v(max(1.0, (start_v - pack.window_v[0]) / loss_v)))
+    rest_v, of_resistances, run = error_under(1.0)
+    start_v = float(run["cell_v"][0])
+    most_a = (start_v - pack.window_v[0]) / (start_v - float(run["cell_v"].min()))
+    _, of_all, _ = error_under(max(1.0, most_a))
     error = json.loads(pack.model._model.to_json())["map"]["voltage_error"]
     whole_runs = error.get("whole_runs", 1.0)
     of_fall = math.sqrt(max(of_all**2 - of_resistances**2, 0.0))

@@ -82,7 +82,7 @@ fn each_version_gives_the_rows_that_stand_in_it() {
 }
 
 #[test]
-fn the_first_auxiliary_channel_is_the_temperature_and_the_others_are_told() {
+fn the_first_auxiliary_channel_is_the_temperature_and_the_others_are_reported() {
     let of = |name: &str| read(name).series.temperature_degc.unwrap();
     for name in ["neware_22.nda", "neware_29.nda"] {
         // The third row, 25.2 °C, is at the time of the fourth.

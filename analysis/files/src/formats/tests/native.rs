@@ -99,7 +99,7 @@ fn text_of_two_bytes_is_read_as_any_other() {
 }
 
 #[test]
-fn what_is_wrong_is_told_with_its_line() {
+fn what_is_wrong_is_reported_with_its_line() {
     let cut = autolab().replacen(" 0.02\n", "", 1);
     assert!(error_message("a.dfr", cut.as_bytes()).contains("the end of the file"));
     let wrong = autolab().replacen("0.02", "x", 1);

@@ -243,7 +243,7 @@ fn tables_in_one_file_are_spectra_of_their_own() {
 }
 
 #[test]
-fn files_of_other_kinds_are_told_by_their_kind() {
+fn files_of_other_kinds_are_reported_by_their_kind() {
     for (name, bytes, message) in [
         (
             "a.mpr",
@@ -329,7 +329,7 @@ fn files_of_other_kinds_are_told_by_their_kind() {
 }
 
 #[test]
-fn a_table_without_a_frequency_or_a_part_is_told_so() {
+fn a_table_without_a_frequency_or_a_part_is_reported_as_such() {
     for (text, message) in [
         (
             "EC-Lab ASCII FILE\nNb header lines : 3\nRe(Z)/Ohm\t-Im(Z)/Ohm\n1\t2\n",

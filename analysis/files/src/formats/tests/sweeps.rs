@@ -153,7 +153,7 @@ fn a_column_tells_the_sweeps() {
 }
 
 #[test]
-fn sweeps_of_an_arbin_table_are_told_apart() {
+fn sweeps_of_an_arbin_table_are_distinguished() {
     let mut text = "Channel_ID,EIS_Test_ID,EIS_Data_Point,Test_Time,Frequency,Zmod,Zphz,Zreal,\
                     Zimg,OCV,AC_Amp_RMS\n"
         .to_owned();
@@ -246,7 +246,7 @@ fn notes(freqs: &[f64]) -> Vec<String> {
 }
 
 #[test]
-fn an_order_of_frequencies_that_is_none_is_told_by_its_line() {
+fn an_order_of_frequencies_that_is_none_is_reported_by_its_line() {
     let up: Vec<f64> = DOWN.iter().rev().copied().collect();
     for quiet in [DOWN.to_vec(), up] {
         assert!(notes(&quiet).is_empty(), "{:?}", notes(&quiet));

@@ -373,7 +373,7 @@ fn refusals_say_what_is_missing() {
 }
 
 #[test]
-fn times_that_stand_still_are_told() {
+fn times_that_stand_still_are_reported() {
     let head = "Test Time / s,Voltage / V,Current / A";
     let read = read(
         "x.csv",

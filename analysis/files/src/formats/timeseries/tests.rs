@@ -141,7 +141,7 @@ fn currents_without_a_direction_are_not_guessed() {
 }
 
 #[test]
-fn what_is_wrong_is_told_with_its_line_in_the_file() {
+fn what_is_wrong_is_reported_with_its_line_in_the_file() {
     for (text, message) in [
         (
             "head\nTest Time (s),Current (A),Voltage (V)\n0,-2,4.1\n36,x,4.0\n",
@@ -255,7 +255,7 @@ fn gamrys_open_circuit_potential_is_a_rest() {
 }
 
 #[test]
-fn a_code_page_of_two_bytes_is_told() {
+fn a_code_page_of_two_bytes_is_reported() {
     // `时间(s),电压(V),电流(A)` in GBK.
     let head = b"\xCA\xB1\xBC\xE4(s),\xB5\xE7\xD1\xB9(V),\xB5\xE7\xC1\xF7(A)\n";
     let text = [head.as_slice(), b"0,4.1,-2\n36,4.0,0.5\n"].concat();

@@ -78,7 +78,7 @@ fn every_file_beside_them_is_read_and_has_its_row() {
 }
 
 #[test]
-fn lists_of_modulus_and_phase_are_read_and_cycles_told_apart() {
+fn lists_of_modulus_and_phase_are_read_and_cycles_distinguished() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("list.txt");
     std::fs::write(

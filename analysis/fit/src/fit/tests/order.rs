@@ -64,7 +64,7 @@ fn branches_far_apart_are_counted() {
 /// Time constants a factor two apart, in noise in which the second branch gains about as much as it
 /// costs.
 #[test]
-fn branches_that_merge_in_the_noise_are_not_told_apart() {
+fn branches_that_merge_in_the_noise_are_one() {
     let all = tally((0.007, &[(0.0017, 10.0), (0.0017, 20.0)]), 0.016, 40);
     let unsure = all.iter().filter(|s| !s.is_clear()).count();
     assert!(unsure >= 20, "{unsure} of 40 unsure");

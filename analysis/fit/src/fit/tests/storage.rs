@@ -11,7 +11,7 @@ use analysis_signal::spectrum::OcvSlope;
 /// A slope far beyond its prior, and noise that is not stated: the prior must neither hold it nor
 /// make the misfit that it causes pass for noise.
 #[test]
-fn a_slope_beyond_its_prior_is_found_and_told() {
+fn a_slope_beyond_its_prior_is_found_and_reported() {
     let mut rng = Rng::new(21);
     for (points, v_per_coulomb) in [
         (25, 200e-6),

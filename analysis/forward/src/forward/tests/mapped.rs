@@ -226,7 +226,7 @@ fn a_map_that_states_its_error_gives_each_row_a_standard_deviation() {
     };
     let mut map = map(|_, _| 1.0, None);
     map.ocv_offset_v = vec![0.02; 3];
-    let run = |map: &CellMap, pack: Pack| {
+    let run_band = |map: &CellMap, pack: Pack| {
         let model = SimModel::mapped(map.clone(), curve(), pack, 0.0).unwrap();
         let factor = f64::from(pack.parallel);
         let rows = rows(
@@ -234,15 +234,14 @@ fn a_map_that_states_its_error_gives_each_row_a_standard_deviation() {
             Interpolation::Hold,
             &[(0.0, 0.0), (1.0, 6.0 * factor), (30.0, 0.0)],
         );
-        simulate(
-            &model,
-            &model.rest(0.6).unwrap(),
-            &rows,
-            &SimOptions::default(),
-        )
-        .unwrap()
-        .trace
+        let start = model.rest(0.6).unwrap();
+        let trace = simulate(&model, &start, &rows, &SimOptions::default())
+            .unwrap()
+            .trace;
+        let band = RunBand::new(&model, &trace, Demand::Current, RunError::Map, 0.0);
+        (trace, band)
     };
+    let run = |map: &CellMap, pack: Pack| run_band(map, pack).0;
     let cell = Pack::new(1, 1, 0.0).unwrap();
     assert!(run(&map, cell).cell_sigma_v.is_empty());
     map.voltage_error = Some(stated);
@@ -275,9 +274,42 @@ fn a_map_that_states_its_error_gives_each_row_a_standard_deviation() {
     let last = trace.current_a.iter().rposition(|i| *i > 5.0).unwrap();
     assert!(last > after_jump);
     assert!((with[last] - trace.cell_sigma_v[last]).abs() < 1e-9);
+    // The band of the run, √χ²₄ standard deviations, with what the currents of a pack divide.
+    continued.charge_transfer = Some(ChargeTransfer {
+        voltage_v: 0.02,
+        slowest_s: 3.0,
+    });
+    let mut widened = continued.clone();
+    widened.voltage_error.as_mut().unwrap().whole_runs = Some(1.5);
+    let (trace, band) = run_band(&widened, cell);
+    let half_v = band.unwrap().half_v;
+    let own_v = |k: usize| {
+        let slope_v = curve().slope_v(trace.soc[k]);
+        let loss_v = trace.ocv_v[k] - trace.cell_v[k];
+        map.sigma_v(&map.place(trace.soc[k], 0.0), slope_v, loss_v)
+            .unwrap()
+    };
+    let values = widened.values(trace.soc[after_jump], 0.0, &mut [0.0; 4]);
+    let settled_v = values
+        .drive(widened.branches[0].tau_s, lacking_v / 6.0, 6.0)
+        .settled_v();
+    let jump_v = 3.080_2 * (1.5 * own_v(after_jump)).hypot(0.5 * settled_v);
+    assert!(
+        (half_v[after_jump] - jump_v).abs() < 1e-5,
+        "{jump_v} {half_v:?}"
+    );
+    // Later the fast branches have fallen by Butler–Volmer's law.
+    let straight_v = 3.080_2 * 1.5 * own_v(last);
+    assert!(
+        half_v[last] > 1.000_1 * straight_v,
+        "{straight_v} {half_v:?}"
+    );
     // All cells of a pack are wrong in the same direction.
-    let pack = run(&map, Pack::new(16, 3, 0.05).unwrap());
+    let (pack, pack_band) = run_band(&widened, Pack::new(16, 3, 0.05).unwrap());
     for (one, many) in trace.cell_sigma_v.iter().zip(&pack.cell_sigma_v) {
+        assert!((one - many).abs() < 1e-9, "{one} {many}");
+    }
+    for (one, many) in half_v.iter().zip(&pack_band.unwrap().half_v) {
         assert!((one - many).abs() < 1e-9, "{one} {many}");
     }
 }

@@ -265,7 +265,8 @@ impl Reader<'_> {
         let rows = read_trace_csv(&self.folder.join(&entry.file))
             .map_err(|error| self.complain(&entry.file, error.to_string()))?;
         let row_s = first_row_s(&rows);
-        let (mut sigma_v, mut averaged_s) = told_of(&rows, entry.sample_sigma_v, series.len());
+        let (mut sigma_v, mut averaged_s) =
+            stated_errors(&rows, entry.sample_sigma_v, series.len());
         if let Some(sigma_v) = &mut sigma_v {
             self.rest_before(entry, row_s, &mut series, sigma_v, averaged_s.as_mut())?;
         }
@@ -467,7 +468,7 @@ fn first_row_s(rows: &[TraceRow]) -> f64 {
 /// Returns the noise of each of `rows` rows, and the averaging windows. The noise of a row is
 /// that of one scope sample (V), reduced by the number of samples it averages. Windows are in the
 /// time of the series, which begins with zero.
-fn told_of(
+fn stated_errors(
     read: &[TraceRow],
     sample_sigma_v: f64,
     rows: usize,

@@ -108,7 +108,7 @@ fn a_short_file_is_completed_by_defaults() {
 }
 
 #[test]
-fn what_is_odd_in_a_file_is_told_and_corrections_are_asked_for() {
+fn what_is_odd_in_a_file_is_reported_and_corrections_are_asked_for() {
     let toml = "name = \"d\"\naccept = [\"current_filter\"]\n[[runs]]\nfile = \"p.bdf.csv\"\n\
                 kind = \"time\"\nocv_v = 3.7\ntemperature_c = 25\nto_s = 71\n";
     let folder = folder(toml);
@@ -303,7 +303,7 @@ fn mistakes_name_file_line_and_field() {
 }
 
 #[test]
-fn errors_of_a_bench_that_are_not_stated_are_assumed_and_told() {
+fn errors_of_a_bench_that_are_not_stated_are_assumed_and_reported() {
     let loaded = read(
         "name = \"d\"\n[bench]\nvoltage_noise_v = 1e-4\n[[runs]]\nfile = \"p.bdf.csv\"\n\
         kind = \"time\"\nsoc = 0.5\ntemperature_c = 25\n",
@@ -631,7 +631,7 @@ fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
 }
 
 #[test]
-fn what_is_no_data_set_is_told_so() {
+fn what_is_not_a_data_set_is_reported_as_such() {
     let folder = tempfile::tempdir().unwrap();
     let message = read_dataset(folder.path()).unwrap_err().to_string();
     assert!(

@@ -182,7 +182,7 @@ fn stamps_that_repeat_refuse_their_pulse() {
 }
 
 #[test]
-fn a_cell_that_still_relaxes_and_a_voltage_limit_are_told() {
+fn a_cell_that_still_relaxes_and_a_voltage_limit_are_reported() {
     let mut series = log(&[part(60.0, 0.0), part(10.0, 2.0), part(60.0, 0.0)], 1.0);
     for k in 0..60 {
         series.voltage_v[k] = 3.7 - 1e-4 * k as f64;
@@ -202,7 +202,7 @@ fn a_cell_that_still_relaxes_and_a_voltage_limit_are_told() {
 }
 
 #[test]
-fn a_short_load_that_varies_is_no_pulse_and_a_long_one_is_a_drive_cycle() {
+fn a_short_load_that_varies_is_not_a_pulse_and_a_long_one_is_a_drive_cycle() {
     let varying = |seconds: usize| {
         let mut parts = vec![part(60.0, 0.0)];
         // With a stop of 20 s in the middle.
@@ -413,7 +413,7 @@ fn a_spectrum_beside_several_states_needs_its_own_and_takes_the_one_temperature(
 }
 
 #[test]
-fn noise_and_codes_are_estimated_and_nothing_is_told_of_a_log_without_rests() {
+fn noise_and_codes_are_estimated_and_nothing_is_stated_of_a_log_without_rests() {
     let mut series = log(&[part(600.0, 0.0), part(100.0, 2.0), part(600.0, 0.0)], 1.0);
     // Uniform noise of 4 codes, by a generator of its own.
     let mut state = 1_u32;

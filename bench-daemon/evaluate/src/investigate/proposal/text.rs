@@ -136,10 +136,10 @@ name = {}
 }
 
 /// Why a key of `[bench]` may be missing.
-const NOT_TOLD: &str = "the data do not determine it; the diagnosis assumes it";
+const NOT_DETERMINED: &str = "the data do not determine it; the diagnosis assumes it";
 
 /// Keys that a single campaign of a cycler never determines.
-const NEVER_TOLD: [&str; 7] = [
+const NEVER_KNOWN: [&str; 7] = [
     "voltage_offset_v",
     "voltage_drift_v",
     "voltage_drift_s",
@@ -181,11 +181,11 @@ fn bench_text(bench: &Estimate) -> String {
     for (key, value, meaning) in entries {
         text += &match value {
             Some(value) => format!("{key} = {value:.1e}  # {meaning}\n"),
-            None => format!("# {key}: {NOT_TOLD}\n"),
+            None => format!("# {key}: {NOT_DETERMINED}\n"),
         };
     }
-    for key in NEVER_TOLD {
-        text += &format!("# {key}: {NOT_TOLD}\n");
+    for key in NEVER_KNOWN {
+        text += &format!("# {key}: {NOT_DETERMINED}\n");
     }
     text
 }

@@ -412,7 +412,7 @@ mod tests {
     use analysis::numeric::Covariance2;
 
     #[test]
-    fn cells_and_repeats_are_told_apart() {
+    fn cells_and_repeats_are_distinguished() {
         let spectrum = |re: f64| Spectrum {
             name: String::new(),
             points: vec![ImpedancePoint {

@@ -559,7 +559,7 @@ fn a_pair_of_readings_at_unsure_times_is_judged_by_what_the_times_may_do() {
 }
 
 #[test]
-fn the_zero_of_an_ammeter_is_no_charge_and_more_than_a_zero_is() {
+fn the_zero_of_an_ammeter_is_not_a_charge_and_more_than_a_zero_is() {
     let net = |zero_a: f64| {
         let mut interlock = live((Coulombs(-100.0), Coulombs(100.0)));
         interlock.zero(Amps(zero_a));
