@@ -59,6 +59,7 @@ def found():
 
 def test_the_resistances_of_a_known_cell_are_found(found):
     assert found.temperature_c == pytest.approx([0.0, 25.0])
+    assert not found.is_extrapolated
     assert found.r_ohm.shape == found.sigma_ohm.shape == (1 + len(found.tau_s), 2, len(found.soc))
     k = int(np.argmin(abs(found.soc - 0.6)))
     for node, degc in enumerate((0.0, 25.0)):
@@ -132,6 +133,7 @@ def test_spectra_alone_give_a_map():
         for soc in (0.3, 0.5, 0.7)
     ]
     found = eb.fit_map([], curve(), sweeps)
+    assert found.is_extrapolated and found.tau_s[0] < found.tau_s[1]
     k = int(np.argmin(abs(found.soc - 0.5)))
     assert found.r_ohm[0, 1, k] == pytest.approx(0.020, rel=0.05)
     assert len(found.spectra) == 6

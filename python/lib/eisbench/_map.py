@@ -67,8 +67,13 @@ class CellMap:
 
     @property
     def tau_s(self) -> NDArray[np.float64]:
-        """Time constants of the branches, s, rising."""
+        """Time constants of the branches, s, rising; see ``is_extrapolated`` for the first."""
         return np.array([branch["tau_s"] for branch in self.raw["map"]["branches"]])
+
+    @property
+    def is_extrapolated(self) -> bool:
+        """Whether the first branch continues the spectra beyond their highest frequency."""
+        return any(branch.get("extrapolated", False) for branch in self.raw["map"]["branches"])
 
     @property
     def r_ohm(self) -> NDArray[np.float64]:

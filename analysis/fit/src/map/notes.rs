@@ -10,8 +10,11 @@ impl Design {
     /// Remarks on what the logs do not show.
     pub(super) fn notes(&self, map: &CellMap, train: &Train) -> Vec<String> {
         let mut notes = Vec::new();
-        if !self.left_out_s.is_empty() {
-            let list: Vec<String> = self.left_out_s.iter().map(f64::to_string).collect();
+        // The branch that continues the spectra stands for those that are faster.
+        let shortest_s = self.continued_from.map_or(0.0, f64::recip);
+        let left_out_s = self.left_out_s.iter().filter(|tau_s| **tau_s > shortest_s);
+        let list: Vec<String> = left_out_s.map(f64::to_string).collect();
+        if !list.is_empty() {
             notes.push(format!(
                 "no branch of {} s: no log and no spectrum shows it",
                 list.join(", ")

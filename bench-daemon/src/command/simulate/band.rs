@@ -93,7 +93,7 @@ impl Uncertainty {
         let band = self.band.as_ref()?;
         let map = file.map.as_ref().filter(|map| map.voltage_error.is_some());
         let unmeasured = if map.is_some_and(CellMap::has_unmeasured) {
-            ", with the errors of charge transfer and of what is faster than the spectra"
+            "by the errors of charge transfer and of what is faster than the spectra, and "
         } else {
             ""
         };
@@ -113,7 +113,7 @@ impl Uncertainty {
         };
         Some(format!(
             "{profile}: with a probability of 95 % the voltage of a cell stays over the whole run within \
-            ± {:.0} mV of the prediction (mean; at most ± {:.0} mV), and so above {:.3} V, {shown}{unmeasured}",
+            ± {:.0} mV of the prediction (mean; at most ± {:.0} mV), and so above {:.3} V, {unmeasured}{shown}",
             1e3 * band.mean_half_v,
             1e3 * band.most_half_v,
             band.lowest_v
