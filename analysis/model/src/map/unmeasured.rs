@@ -51,7 +51,6 @@ impl<'a> Unmeasured<'a> {
         &mut self,
         step_s: f64,
         at: Instant,
-
         branch_v: impl IntoIterator<Item = f64>,
     ) -> f64 {
         let values = self
