@@ -282,7 +282,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cell_that_an_experiment_names_differs_from_another_of_its_kind() {
+    fn a_cell_that_an_experiment_names_is_distinguished_from_another_of_its_kind() {
         let folder = tempfile::tempdir().unwrap();
         let cells = |text: &str| {
             let experiment: toml::Value = toml::from_str(text).unwrap();

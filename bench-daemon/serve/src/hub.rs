@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_listener_goes_on_where_it_was_and_one_that_is_too_slow_is_reported() {
+    fn a_listener_goes_on_where_it_was_and_one_that_is_too_slow_is_notified() {
         let hub = Hub::new(7);
         for number in 0..10 {
             hub.tell("x", &number);

@@ -124,7 +124,7 @@ fn offsets(quantity: &Value) -> Vec<f64> {
 }
 
 #[test]
-fn benches_that_differ_differ_from_cells_that_differ() {
+fn benches_that_differ_are_distinguished_from_cells_that_differ() {
     let lab = Lab::new(&[0.006, -0.006]);
     let head = "cells = 3\nbenches_per_cell = 2\nreferences = [\"REF-1\"]";
     let report = lab.campaign(head, 2);

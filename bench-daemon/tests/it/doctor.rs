@@ -257,7 +257,7 @@ fn a_wrong_value_of_a_control_in_the_bench_file_is_reported_with_what_decides() 
 }
 
 #[test]
-fn a_command_that_goes_to_the_wrong_channel_of_the_generator_differs_from_a_weak_drive() {
+fn a_command_that_goes_to_the_wrong_channel_of_the_generator_is_distinguished_from_a_weak_drive() {
     let files = Files::demo().edit(BENCH, "generator_channel = 1", "generator_channel = 2");
     doctor(&files, "fake_cell", "report").expect_code(4);
     let found = ended(&json(&files.path("report/doctor.json")), "fail");

@@ -164,7 +164,7 @@ fn an_address_alone_is_enough_and_one_that_is_silent_does_not_hide_the_others() 
 }
 
 #[test]
-fn an_unknown_model_is_reported_how_it_could_be_forced_and_the_line_does_it() {
+fn an_unknown_model_is_refused_with_the_line_that_forces_it() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("tcp://{}", listener.local_addr().unwrap());
     std::thread::spawn(move || {

@@ -10,7 +10,7 @@ use crate::{
 };
 
 #[test]
-fn a_collector_is_reported_what_prometheus_is_reported() {
+fn a_collector_receives_what_prometheus_receives() {
     let files = Files::short(3);
     let collector = Collector::start();
     config(

@@ -563,7 +563,7 @@ fn after_a_killed_run_outputs_are_shown_as_its_guardian_or_somebody_else_has_ver
 
 #[test]
 #[ignore = "drill"]
-fn a_run_waits_and_goes_on_as_it_is_reported() {
+fn a_run_waits_and_goes_on_as_commanded() {
     let files = Files::short(8);
     let _ports = Ports::serve(&files, 10.0, 1);
     config(&files, "");

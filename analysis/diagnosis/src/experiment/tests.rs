@@ -106,7 +106,7 @@ fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> Selection {
 }
 
 #[test]
-fn an_inductance_differs_from_a_skew_by_a_shunt() {
+fn an_inductance_is_distinguished_from_a_skew_by_a_shunt() {
     let p = prepared(&cell_runs(inductive));
     let selection = selected(&p, 1e3, &["inductance", "time_skew"]);
     let (next, runs) = recommend(&p, Verdict::Ambiguous, &selection, None, None)

@@ -206,7 +206,7 @@ fn each_damage_makes_its_finding_and_no_other() {
 }
 
 #[test]
-fn a_model_of_another_cell_differs_from_records_of_another_cell() {
+fn a_model_of_another_cell_is_distinguished_from_records_of_another_cell() {
     let set = campaign(&Hidden::default(), 1);
     let mut other = model();
     other.erm.r_ohm *= 1.6;

@@ -123,6 +123,7 @@ impl<'a> Train<'a> {
         self.log_shows(tau_s) || self.sweeps.iter().any(|sweep| sweep.shows(tau_s))
     }
 
+    /// Returns whether a log shows a branch of this time constant.
     pub(super) fn log_shows(&self, tau_s: f64) -> bool {
         let log = |log: &&Log| tau_s >= 2.0 * log.step_s() && tau_s <= log.longest_s();
         self.logs.iter().any(log)

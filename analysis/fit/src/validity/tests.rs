@@ -681,7 +681,7 @@ fn a_clipped_sine_is_bad_by_its_harmonics() {
 }
 
 #[test]
-fn repeats_that_drift_differ_from_repeats_that_do_not() {
+fn repeats_that_drift_are_distinguished_from_repeats_that_do_not() {
     let run = |seed: u64, drift: f64| {
         let mut noise = Noisy::new(seed);
         let cell = any_cell(&mut noise);

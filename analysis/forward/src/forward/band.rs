@@ -50,20 +50,22 @@ impl RunBand {
         cell_share: f64,
     ) -> Option<Self> {
         let losses_v = lasting_losses_v(model, trace);
-        let (terms, own_v): (usize, Vec<f64>) = match error {
+        let (terms, own_v, unmeasured_v): (usize, Vec<f64>, Vec<f64>) = match error {
             RunError::Map => {
                 let at_row = |(k, loss_v): (usize, &f64)| {
                     let sigma_v = map_sigma_v(model, trace, k, *loss_v)?;
                     Some(sigma_v * growth(trace, demand, k))
                 };
                 let rows = losses_v.iter().enumerate().map(at_row);
-                (model.map()?.lasting_errors(), rows.collect::<Option<_>>()?)
+                (
+                    model.map()?.lasting_errors(),
+                    rows.collect::<Option<_>>()?,
+                    unmeasured_sigma_v(model, trace),
+                )
             }
-            RunError::Parameters(count, sigma_v) => (count, sigma_v.to_vec()),
-        };
-        let unmeasured_v = match error {
-            RunError::Map => unmeasured_sigma_v(model, trace),
-            RunError::Parameters(..) => vec![0.0; own_v.len()],
+            RunError::Parameters(count, sigma_v) => {
+                (count, sigma_v.to_vec(), vec![0.0; sigma_v.len()])
+            }
         };
         if own_v.len() != trace.time_s.len() || own_v.is_empty() {
             return None;

@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_prior_differs_from_a_slope_that_was_given() {
+    fn a_prior_is_distinguished_from_a_slope_that_was_given() {
         assert!(OcvSlope::prior(&spectrum()).unwrap().is_prior());
         let given = OcvSlope {
             v_per_coulomb: 5e-5,

@@ -332,7 +332,7 @@ fn a_folder_that_is_not_what_its_list_says_is_refused_with_the_reason() {
 }
 
 #[test]
-fn a_diagnosis_in_the_run_folder_is_not_alteration() {
+fn a_diagnosis_in_the_run_folder_is_not_an_alteration() {
     let place = Place::new();
     let run = Made::ONE.write(&place);
     place.push(&run).unwrap();

@@ -115,7 +115,7 @@ fn a_run_goes_into_the_archive_once_and_comes_back_as_it_was() {
 }
 
 #[test]
-fn captures_that_were_moved_differ_from_captures_that_are_lost() {
+fn captures_that_were_moved_are_distinguished_from_captures_that_are_lost() {
     let at = Archived::new();
     let captures = at.captures();
     assert!(captures > 3);

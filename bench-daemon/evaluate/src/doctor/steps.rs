@@ -550,7 +550,7 @@ mod tests {
     /// Equal readings for another value in the bench file or for a wrong ammeter: the command
     /// decides which of them applies.
     #[test]
-    fn a_wrong_value_differs_from_a_wrong_ammeter_by_a_second_control_or_the_command() {
+    fn a_wrong_value_is_distinguished_from_a_wrong_ammeter_by_a_second_control_or_the_command() {
         let shunt_of = |ohm: f64| KnownResistance {
             ohm,
             sigma_ohm: 0.02e-3,

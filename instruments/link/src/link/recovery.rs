@@ -160,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_late_list_is_not_identity() {
+    fn a_late_list_is_not_an_identity() {
         for (text, asked, fits) in [
             (
                 "Siglent Technologies,SDG1032X,SDG1XCAQ1R0001,1.01.01.33R1B6",

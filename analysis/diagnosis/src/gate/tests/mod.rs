@@ -477,7 +477,7 @@ fn logs_without_current_repeat_each_other() {
 /// A zero error of 2.3 standard deviations is counted as 1 % of the charge within an hour and a
 /// half: 21 mV of the open-circuit voltage, in that repeat alone.
 #[test]
-fn a_zero_error_of_a_long_record_is_not_an_other_run() {
+fn a_zero_error_of_a_long_record_is_not_another_run() {
     let mut set = campaign(&Hidden::default(), 1);
     for (nth, zero_a) in (0..3u32).zip([0.07, -0.01, 0.0]) {
         let mut run = set

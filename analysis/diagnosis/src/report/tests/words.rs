@@ -85,7 +85,7 @@ fn the_first_page_has_no_name_of_the_code_and_no_statistics() {
 /// That six of four blocks are left is understandable only if the text states that new ones have
 /// appeared.
 #[test]
-fn blocks_that_come_with_the_effects_differ_from_those_that_stay() {
+fn blocks_that_come_with_the_effects_are_distinguished_from_those_that_stay() {
     let mut d = sample::explained();
     d.blocks.truncate(4);
     d.where_after = sample::explained().blocks.split_off(3);

@@ -243,7 +243,7 @@ fn tables_in_one_file_are_spectra_of_their_own() {
 }
 
 #[test]
-fn files_of_other_kinds_are_reported_by_their_kind() {
+fn files_of_other_kinds_are_recognised_by_their_kind() {
     for (name, bytes, message) in [
         (
             "a.mpr",

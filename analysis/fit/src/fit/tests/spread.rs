@@ -26,7 +26,7 @@ fn cells(count: usize, between: f64, rng: &mut Rng) -> Vec<CellSweeps> {
 }
 
 #[test]
-fn what_differs_between_cells_differs_from_what_does_not_repeat() {
+fn what_differs_between_cells_is_distinguished_from_what_does_not_repeat() {
     let mut rng = Rng::new(21);
     let options = FitOptions {
         rc: 2,

@@ -159,7 +159,7 @@ fn a_torn_last_line_of_the_history_stays_a_line_of_its_own() {
 }
 
 #[test]
-fn one_process_runs_a_bench_and_the_next_is_reported_which() {
+fn one_process_runs_a_bench_and_the_next_names_it() {
     let folder = tempfile::tempdir().unwrap();
     let state = state(folder.path());
     assert_eq!(state.holder().unwrap(), None);

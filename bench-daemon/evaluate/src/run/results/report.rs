@@ -724,7 +724,7 @@ mod tests {
     use analysis::numeric::Covariance2;
 
     #[test]
-    fn the_spread_of_the_pool_differs_from_what_the_model_misses() {
+    fn the_spread_of_the_pool_is_distinguished_from_what_the_model_misses() {
         let spectrum = |re: f64| Spectrum {
             name: String::new(),
             points: vec![ImpedancePoint {
