@@ -92,6 +92,8 @@ impl DataSet {
             bias_a: -sourced.origin.bias_a.unwrap_or(0.0),
             common_mode: CommonModeImpedance::default(),
             elapsed_s: Vec::new(),
+            charge_coulomb: Vec::new(),
+            harmonics: Vec::new(),
             points: points.collect(),
         };
         self.add(about, RunData::Eis(sweep))

@@ -5,14 +5,18 @@
 //! the current are averaged over times that grow with the time since the edge, so that a row is
 //! wide where nothing happens. The model is simulated at all samples and averaged in the same way.
 
-use super::data::{Fixture, Role, Run, RunData, Start};
+use super::data::{Fixture, Harmonic, Role, Run, RunData, Start, Sweep, SweepPoint};
 use super::time_block::{Bin, TimeBlock};
 use crate::thresholds::{ALIKE_K, ALIKE_PART, ALIKE_S, ALIKE_SOC};
 use analysis_effects::{
-    augmented::{Added, Player, impedance, network},
+    augmented::{Added, HarmonicPoint, Player, harmonics, impedance, network},
     contract::{Base, CommonModeImpedance, Moved, Network, Point, Record},
 };
+use analysis_model::ocv::OcvCurve;
 use num_complex::Complex64;
+
+/// Greatest relative difference of two frequencies that count as one.
+const SAME_FREQUENCY: f64 = 1e-6;
 
 /// One run as the fit sees it.
 #[derive(Debug, Clone)]
@@ -34,9 +38,11 @@ pub(super) struct Block {
 /// Kind of the rows, with the inputs of their prediction.
 #[derive(Debug, Clone)]
 pub(super) enum Kind {
-    /// A spectrum: frequencies and amplitudes, stated sigmas, and the control in the jig.
+    /// A spectrum: frequencies and amplitudes, then harmonics; stated sigmas of both, and the control
+    /// in the jig.
     Eis {
         points: Vec<Point>,
+        harmonics: Vec<HarmonicPoint>,
         sigma_ohm: Vec<Option<(f64, f64)>>,
         control_ohm: Option<f64>,
     },
@@ -58,7 +64,7 @@ pub(super) enum Current {
 pub(super) struct Model<'a> {
     pub(super) base: &'a Base,
     pub(super) added: &'a [Added<'a>],
-    network: Network,
+    pub(super) network: Network,
 }
 
 impl<'a> Model<'a> {
@@ -103,6 +109,79 @@ pub enum DataSetError {
     },
 }
 
+/// Returns the rows of a spectrum, or what was expected and met instead.
+fn of_sweep(
+    sweep: &Sweep,
+    fixture: &Fixture,
+    at: Point,
+    ocv: &OcvCurve,
+) -> Result<(Kind, Vec<f64>), (&'static str, String)> {
+    if sweep.points.is_empty() {
+        return Err(("at least one frequency", "none".to_owned()));
+    }
+    for (expected, count) in [
+        ("a time for each point", sweep.elapsed_s.len()),
+        ("a charge for each point", sweep.charge_coulomb.len()),
+    ] {
+        if count > 0 && count != sweep.points.len() {
+            return Err((expected, format!("{count} for {} points", sweep.points.len())));
+        }
+    }
+    let point = |(k, p): (usize, &SweepPoint)| {
+        let charge_coulomb = sweep.charge_coulomb.get(k).copied().unwrap_or(0.0);
+        Point {
+            freq_hz: p.freq_hz,
+            amplitude_a: p.amplitude_a,
+            bias_a: sweep.bias_a,
+            soc: at.soc + charge_coulomb / (3600.0 * ocv.capacity_ah),
+            start_s: at.start_s + sweep.elapsed_s.get(k).copied().unwrap_or(0.0),
+            ..at
+        }
+    };
+    let points: Vec<Point> = sweep.points.iter().enumerate().map(point).collect();
+    let control_ohm = match fixture {
+        Fixture::Cell(_) => None,
+        Fixture::Shunt(ohm) | Fixture::FakeCell(ohm) => Some(*ohm),
+    };
+    if control_ohm.is_some() && !sweep.harmonics.is_empty() {
+        return Err(("harmonics of a cell", "those of a control".to_owned()));
+    }
+    let harmonic = |h: &Harmonic| {
+        let is_near = |p: &&Point| (p.freq_hz / h.freq_hz - 1.0).abs() < SAME_FREQUENCY;
+        let sigma_is_sound = h.sigma_ohm.0 > 0.0 && h.sigma_ohm.1 > 0.0;
+        if !(matches!(h.order, 2 | 3) && h.amplitude_a > 0.0 && sigma_is_sound) {
+            return Err((
+                "harmonics of order 2 or 3 with an amplitude and standard deviations above zero",
+                format!("{h:?}"),
+            ));
+        }
+        let of_point = points.iter().find(is_near).ok_or_else(|| {
+            let met = format!("none at {} Hz", h.freq_hz);
+            ("a point of the spectrum for each harmonic", met)
+        })?;
+        Ok(HarmonicPoint {
+            at: Point {
+                amplitude_a: Some(h.amplitude_a),
+                ..*of_point
+            },
+            order: h.order,
+        })
+    };
+    let harmonics = sweep.harmonics.iter().map(harmonic).collect::<Result<_, _>>()?;
+    let sigma_ohm = sweep.points.iter().map(|p| p.sigma_ohm);
+    let kind = Kind::Eis {
+        sigma_ohm: sigma_ohm
+            .chain(sweep.harmonics.iter().map(|h| Some(h.sigma_ohm)))
+            .collect(),
+        points,
+        harmonics,
+        control_ohm,
+    };
+    let z_ohm = sweep.points.iter().map(|p| p.z_ohm);
+    let z_ohm = z_ohm.chain(sweep.harmonics.iter().map(|h| h.z_ohm));
+    Ok((kind, z_ohm.flat_map(|z| [z.re, z.im]).collect()))
+}
+
 impl Block {
     /// Prepares a run. The base's OCV turns a start voltage into a state of charge. Two samples of
     /// a constant current differ by `jitter_a` (one σ).
@@ -140,43 +219,7 @@ impl Block {
         };
         let (kind, measured) = match &run.data {
             RunData::Eis(sweep) => {
-                if sweep.points.is_empty() {
-                    return Err(fail("at least one frequency", "none".to_owned()));
-                }
-                if !sweep.elapsed_s.is_empty() && sweep.elapsed_s.len() != sweep.points.len() {
-                    return Err(fail(
-                        "a time for each point",
-                        format!(
-                            "{} for {} points",
-                            sweep.elapsed_s.len(),
-                            sweep.points.len()
-                        ),
-                    ));
-                }
-                let point = |(k, p): (usize, &super::data::SweepPoint)| Point {
-                    freq_hz: p.freq_hz,
-                    amplitude_a: p.amplitude_a,
-                    bias_a: sweep.bias_a,
-                    start_s: at.start_s + sweep.elapsed_s.get(k).copied().unwrap_or(0.0),
-                    ..at
-                };
-                let control_ohm = match run.fixture {
-                    Fixture::Cell(_) => None,
-                    Fixture::Shunt(ohm) | Fixture::FakeCell(ohm) => Some(ohm),
-                };
-                let kind = Kind::Eis {
-                    points: sweep.points.iter().enumerate().map(point).collect(),
-                    sigma_ohm: sweep.points.iter().map(|p| p.sigma_ohm).collect(),
-                    control_ohm,
-                };
-                (
-                    kind,
-                    sweep
-                        .points
-                        .iter()
-                        .flat_map(|p| [p.z_ohm.re, p.z_ohm.im])
-                        .collect(),
-                )
+                of_sweep(sweep, &run.fixture, at, &base.ocv).map_err(|(expected, met)| fail(expected, met))?
             }
             RunData::Time(record) => {
                 record
@@ -235,6 +278,22 @@ impl Block {
     }
 
     /// Returns the number of rows.
+    /// Returns the measured size of the impedance that a row of a spectrum belongs to, Ω: for a
+    /// harmonic, that of its fundamental.
+    pub(super) fn impedance_ohm(&self, row: usize) -> f64 {
+        let point = match &self.kind {
+            Kind::Eis {
+                points, harmonics, ..
+            } if row >= 2 * points.len() => {
+                let freq_hz = harmonics[row / 2 - points.len()].at.freq_hz;
+                let of_point = points.iter().position(|p| p.freq_hz == freq_hz);
+                of_point.unwrap_or_default()
+            }
+            _ => row / 2,
+        };
+        self.measured[2 * point].hypot(self.measured[2 * point + 1])
+    }
+
     pub(super) fn rows(&self) -> usize {
         self.measured.len()
     }
@@ -389,6 +448,7 @@ impl Block {
         match &self.kind {
             Kind::Eis {
                 points,
+                harmonics: more,
                 control_ohm,
                 ..
             } => {
@@ -400,6 +460,16 @@ impl Block {
                         point,
                         control_ohm.map(|r| Complex64::new(r, 0.0)),
                     );
+                    rows.extend([z.re, z.im]);
+                }
+                let mut last: Option<(Point, [Complex64; 2])> = None;
+                for HarmonicPoint { at, order } in more {
+                    let both = match last {
+                        Some((point, both)) if point == *at => both,
+                        _ => harmonics(&mut workspace.player, model.base, model.added, at),
+                    };
+                    last = Some((*at, both));
+                    let z = both[*order as usize - 2];
                     rows.extend([z.re, z.im]);
                 }
             }

@@ -175,15 +175,16 @@ pub(super) fn curves(
         .map(|(k, block)| {
             let curves = match &block.kind {
                 Kind::Eis { points, .. } => {
+                    let rows = 2 * points.len();
                     let [eis_only_ohm, base_ohm, augmented_ohm] =
-                        all.map(|at| complex(&problem.predict(at, k, 1, workspace)));
+                        all.map(|at| complex(&problem.predict(at, k, 1, workspace)[..rows]));
                     Curves::Eis {
                         freq_hz: points.iter().map(|p| p.freq_hz).collect(),
-                        measured_ohm: complex(&block.measured),
+                        measured_ohm: complex(&block.measured[..rows]),
                         eis_only_ohm,
                         base_ohm,
                         augmented_ohm,
-                        floor_ohm: problem.floors[k]
+                        floor_ohm: problem.floors[k][..rows]
                             .chunks_exact(2)
                             .map(|f| f[0].hypot(f[1]))
                             .collect(),

@@ -137,8 +137,45 @@ pub struct Sweep {
     pub common_mode: CommonModeImpedance,
     /// Time of each point since the start of the run, s; empty if it is not recorded.
     pub elapsed_s: Vec<f64>,
+    /// Charge put into the cell from the start of the run to each point, C; empty if it is not
+    /// recorded.
+    pub charge_coulomb: Vec<f64>,
     /// Its points, by rising frequency.
     pub points: Vec<SweepPoint>,
+    /// Second and third harmonics of the voltage; empty if none were measured.
+    pub harmonics: Vec<Harmonic>,
+}
+
+impl Sweep {
+    /// Keeps the frequencies, Hz, that a rule keeps.
+    pub fn retain(&mut self, keeps: impl Fn(f64) -> bool) {
+        let kept: Vec<bool> = self.points.iter().map(|p| keeps(p.freq_hz)).collect();
+        let of_points = |all: &mut Vec<f64>| {
+            let mut kept = kept.iter();
+            all.retain(|_| kept.next().copied().unwrap_or(true));
+        };
+        of_points(&mut self.elapsed_s);
+        of_points(&mut self.charge_coulomb);
+        self.points.retain(|p| keeps(p.freq_hz));
+        self.harmonics.retain(|h| keeps(h.freq_hz));
+    }
+}
+
+/// One harmonic of the voltage of a cell under a sine, beyond what a linear cell makes of the
+/// harmonics of the current.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Harmonic {
+    /// Frequency of the fundamental, Hz.
+    pub freq_hz: f64,
+    /// 2 or 3.
+    pub order: u32,
+    /// Z_k·Aᵏ⁻¹, Ω: its voltage over the amplitude A of the current, charging positive, phase from
+    /// the peak of the current.
+    pub z_ohm: Complex64,
+    /// Standard uncertainty of real and imaginary part, Ω.
+    pub sigma_ohm: (f64, f64),
+    /// Amplitude of the current, A.
+    pub amplitude_a: f64,
 }
 
 /// One point of a spectrum.

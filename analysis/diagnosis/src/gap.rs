@@ -164,15 +164,16 @@ pub(super) fn spectrum_gaps(
     let mut gaps = Vec::new();
     for k in problem.of_role(Role::HeldOut) {
         let block = &problem.blocks[k];
-        if !matches!(block.kind, Kind::Eis { .. }) {
+        let Kind::Eis { points, .. } = &block.kind else {
             continue;
-        }
-        let size = |n: usize| block.measured[n & !1].hypot(block.measured[n | 1]);
+        };
+        let rows = 2 * points.len();
+        let size = |n: usize| block.impedance_ohm(n);
         let mut gap = |at: At<'_>| {
-            let rows = problem.predict(at, k, 1, workspace);
+            let predicted = problem.predict(at, k, 1, workspace);
             100.0
                 * 2f64.sqrt()
-                * rms(rows
+                * rms(predicted[..rows]
                     .iter()
                     .zip(&block.measured)
                     .enumerate()
@@ -185,7 +186,7 @@ pub(super) fn spectrum_gaps(
             augmented_percent: gap(fits.augmented.at()),
             floor_percent: 100.0
                 * 2f64.sqrt()
-                * rms(problem.floors[k]
+                * rms(problem.floors[k][..rows]
                     .iter()
                     .enumerate()
                     .map(|(n, f)| f / size(n))),

@@ -62,7 +62,8 @@ mod windows;
 pub use analysis_signal::history::BenchHistory;
 pub use block::DataSetError;
 pub use data::{
-    DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord, assumed_history,
+    DataSet, Fixture, Harmonic, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
+    assumed_history,
 };
 pub use diagnose::Outcome;
 pub use distinguish::distinguish;

@@ -74,7 +74,7 @@ pub(super) fn localise(
 /// Residuals before whitening: V for a record, part of |Z| for a spectrum.
 fn raw(run: &Run, predicted: &[f64]) -> Vec<f64> {
     let scale = |n: usize| match &run.kind {
-        Kind::Eis { .. } => 1.0 / run.measured[n & !1].hypot(run.measured[n | 1]),
+        Kind::Eis { .. } => run.impedance_ohm(n).recip(),
         Kind::Time(_) => 1.0,
     };
     run.measured
@@ -214,10 +214,13 @@ pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
     match &run.kind {
         Kind::Eis {
             points,
+            harmonics,
             control_ohm,
             ..
         } => {
-            let at = (points[n / 2].freq_hz / ranges.lowest_hz).ln()
+            let harmonic = (n / 2).checked_sub(points.len()).map(|h| harmonics[h]);
+            let freq_hz = harmonic.map_or_else(|| points[n / 2].freq_hz, |h| h.at.freq_hz);
+            let at = (freq_hz / ranges.lowest_hz).ln()
                 / (ranges.highest_hz / ranges.lowest_hz).ln().max(1e-9);
             let band = ((at * 3.0) as u32).min(2);
             let part = if n.is_multiple_of(2) {
@@ -228,6 +231,15 @@ pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
             let edge = |k: u32| {
                 ranges.lowest_hz * (ranges.highest_hz / ranges.lowest_hz).powf(f64::from(k) / 3.0)
             };
+            if let Some(h) = harmonic {
+                let name = if h.order == 2 { "second" } else { "third" };
+                places.push((
+                    "harmonic",
+                    3 * (h.order - 2) + band,
+                    format!("{name}, {:.3} to {:.3} Hz", edge(band), edge(band + 1)),
+                ));
+                return places;
+            }
             let of = if control_ohm.is_some() {
                 "control, "
             } else {

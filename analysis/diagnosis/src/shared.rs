@@ -91,6 +91,7 @@ pub(super) fn of_spectrum(
 ) -> Errors {
     let Kind::Eis {
         points,
+        harmonics,
         control_ohm,
         ..
     } = kind
@@ -114,6 +115,7 @@ pub(super) fn of_spectrum(
             .iter()
             .zip(predicted.chunks_exact(2))
             .flat_map(of)
+            .chain(harmonics.iter().flat_map(|_| [0.0; 2]))
             .collect()
     };
     // An error common to two channels cancels in their ratio.

@@ -623,6 +623,9 @@ thresholds! {
     ASSUMED_EIS_NOISE_PART: f64 = 3e-3, "1",
         "Relative noise of a point of a spectrum that is assumed without history.",
         Convention "As for `ASSUMED_NOISE_V`.";
+    ASSUMED_DISTORTION_PART: f64 = 1e-3, "1",
+        "Harmonic of the voltage channel that is assumed, as a part of the fundamental.",
+        Convention "60 dB, a usual distortion of an oscilloscope's channel.";
     MOST_STRETCHES: usize = 40, "1",
         "Most stretches of constant current that have an error of their own; more are merged.",
         Convention "A compromise with the time of a diagnosis. No study of the value is on record.";

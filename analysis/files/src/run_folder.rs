@@ -8,6 +8,7 @@ mod archived;
 mod bath;
 mod envelope;
 mod events;
+mod harmonics;
 mod map_points;
 mod readings;
 pub mod sums;
@@ -21,6 +22,7 @@ pub use archived::{
 pub use bath::{BATH_COLUMNS, BathRow};
 pub use envelope::{Between, ENVELOPE_COLUMNS, EnvelopeRow};
 pub use events::{EVENT_COLUMNS, Event, EventRow, OUTPUT_ON};
+pub use harmonics::{HARMONIC_COLUMNS, SweepHarmonic, harmonics_csv, read_harmonics};
 pub use map_points::{
     MAP_POINT_COLUMNS, MapPoint, MapPointsError, map_points_csv, read_map_points,
 };
@@ -139,9 +141,6 @@ pub const RECORDED: [&str; 4] = ["series_", "ocv_", "map_", CAPTURES];
 pub const HARMONICS: &str = "harmonics.csv";
 /// Their picture.
 pub const HARMONICS_FIGURE: &str = "harmonics";
-/// Columns of [`HARMONICS`].
-pub const HARMONIC_COLUMNS: &str = "sweep,bias_a,amplitude_a,freq_hz,order,z_re,z_im,sigma_re,\
-    sigma_im,cov_re_im,unit";
 /// The impedance over frequency and charge along a charge or discharge, [`OPERANDO_COLUMNS`].
 pub const OPERANDO: &str = "operando.csv";
 /// Its picture.

@@ -178,6 +178,8 @@ impl PlannedRun {
                     bias_a: *bias_a,
                     common_mode: CommonModeImpedance::default(),
                     elapsed_s: Vec::new(),
+                    charge_coulomb: Vec::new(),
+                    harmonics: Vec::new(),
                     points: freq_hz.iter().map(point).collect(),
                 })
             }

@@ -231,6 +231,8 @@ pub(super) fn sweep(hidden: &Hidden, chance: &mut Chance) -> Sweep {
         bias_a: 0.0,
         common_mode: CommonModeImpedance::default(),
         elapsed_s: Vec::new(),
+        charge_coulomb: Vec::new(),
+        harmonics: Vec::new(),
         points,
     }
 }

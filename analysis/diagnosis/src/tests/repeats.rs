@@ -180,6 +180,8 @@ fn swung(visited: &[(f64, f64)]) -> Vec<Moved> {
         bias_a: 0.0,
         common_mode: CommonModeImpedance::default(),
         elapsed_s: visited.iter().map(|v| 1000.0 + v.1).collect(),
+        charge_coulomb: Vec::new(),
+        harmonics: Vec::new(),
         points: visited.iter().map(|v| point(v.0)).collect(),
     };
     let swept = Run {

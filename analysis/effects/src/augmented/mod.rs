@@ -6,9 +6,11 @@
 //! are advanced half a step before and half a step after them (Strang splitting, second order).
 //! [`Player`] simulates records; [`impedance`] is the small-signal limit.
 
+mod harmonics;
 mod kept;
 mod play;
 
+pub use harmonics::{HarmonicPoint, harmonics};
 pub use kept::{Augmented, Kept};
 pub use play::{Between, Grid, Player};
 

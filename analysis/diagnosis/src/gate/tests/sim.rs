@@ -228,6 +228,8 @@ fn sweep(control_ohm: Option<f64>, hidden: &Hidden, order: f64, chance: &mut Cha
         bias_a: 0.0,
         common_mode: CommonModeImpedance::default(),
         elapsed_s: Vec::new(),
+        charge_coulomb: Vec::new(),
+        harmonics: Vec::new(),
         points: points.collect(),
     }
 }

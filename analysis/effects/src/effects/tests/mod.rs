@@ -3,6 +3,7 @@
 mod all;
 mod bench;
 mod cell;
+mod harmonics;
 
 use crate::{
     augmented::{self, Added, Between, Grid, Player},

@@ -9,11 +9,12 @@ use std::{
 use analysis::{
     contract::CommonModeImpedance,
     dataset::TRACE_COLUMNS,
-    diagnosis::{Sweep, SweepPoint},
+    diagnosis::{Harmonic, Sweep, SweepPoint},
     formats::{
         CurrentSign, FormatError, LeftOut, ReadSeries, SeriesOptions, SeriesReadError, read_record,
         read_sourced,
     },
+    run_folder::SweepHarmonic,
     series::TimeSeries,
     spectrum::{SourcedSpectrum, Spectrum},
     table::{Hash, Row, Table},
@@ -114,8 +115,33 @@ pub(super) fn sweep(spectrum: &Spectrum, bias_a: f64, amplitude_a: Option<f64>) 
         bias_a,
         common_mode: CommonModeImpedance::default(),
         elapsed_s: Vec::new(),
+        charge_coulomb: Vec::new(),
+        harmonics: Vec::new(),
         points: points.collect(),
     }
+}
+
+/// Returns the second and third harmonics of a sweep, by its number.
+pub(super) fn harmonics(rows: &[SweepHarmonic], number: usize) -> Vec<Harmonic> {
+    let harmonic = |row: &SweepHarmonic| {
+        let point = &row.point;
+        // V/Aᵏ → Ω.
+        let scale = point.amplitude_a.powi(point.order as i32 - 1);
+        Harmonic {
+            freq_hz: point.freq_hz,
+            order: point.order,
+            z_ohm: point.z * scale,
+            sigma_ohm: (
+                scale * point.covariance.re_re.sqrt(),
+                scale * point.covariance.im_im.sqrt(),
+            ),
+            amplitude_a: point.amplitude_a,
+        }
+    };
+    rows.iter()
+        .filter(|row| row.sweep == number && matches!(row.point.order, 2 | 3))
+        .map(harmonic)
+        .collect()
 }
 
 /// Column of a record in time that states the standard deviation of each voltage.

@@ -1,5 +1,7 @@
 //! A data set as far as its files could be read.
 
+use std::collections::BTreeMap;
+
 use analysis::{
     calibration::CommonError,
     diagnosis::{DataSet, Finding, FindingKind, Run, RunData},
@@ -121,22 +123,34 @@ impl Loaded {
             let RunData::Eis(sweep) = &mut run.data else {
                 continue;
             };
-            let stays: Vec<bool> = sweep
-                .points
-                .iter()
-                .map(|p| {
-                    !lost
-                        .iter()
-                        .any(|(group, freq_hz)| *group == run.repeat_group && *freq_hz == p.freq_hz)
-                })
-                .collect();
-            let mut kept = stays.iter();
-            sweep.elapsed_s.retain(|_| *kept.next().unwrap_or(&true));
-            let mut kept = stays.iter();
-            sweep.points.retain(|_| *kept.next().unwrap_or(&true));
+            let own = |one: &&(String, f64)| one.0 == run.repeat_group;
+            sweep.retain(|freq_hz| !lost.iter().filter(own).any(|(_, lost_hz)| *lost_hz == freq_hz));
         }
+        self.keep_common_harmonics();
         self.set
             .runs
             .retain(|run| !matches!(&run.data, RunData::Eis(sweep) if sweep.points.is_empty()));
+    }
+
+    /// Removes harmonics that another repeat lacks: repeats are compared row by row.
+    fn keep_common_harmonics(&mut self) {
+        let sweeps = self.set.runs.iter().filter_map(|run| match &run.data {
+            RunData::Eis(sweep) => Some((run.repeat_group.as_str(), sweep)),
+            RunData::Time(_) => None,
+        });
+        let mut common: BTreeMap<String, Vec<(u32, f64)>> = BTreeMap::new();
+        for (group, sweep) in sweeps {
+            let own: Vec<(u32, f64)> = sweep.harmonics.iter().map(|h| (h.order, h.freq_hz)).collect();
+            common
+                .entry(group.to_owned())
+                .and_modify(|all| all.retain(|one| own.contains(one)))
+                .or_insert(own);
+        }
+        for run in &mut self.set.runs {
+            if let RunData::Eis(sweep) = &mut run.data {
+                let all = &common[&run.repeat_group];
+                sweep.harmonics.retain(|h| all.contains(&(h.order, h.freq_hz)));
+            }
+        }
     }
 }

@@ -185,6 +185,15 @@ pub(super) struct Run {
     /// Time of each point of the sweep since its start, s, 0 or more, in the order of the
     /// frequencies. Left out: not known.
     pub(super) elapsed_s: Option<Vec<f64>>,
+    /// Charge put into the cell from the start of the run to each point of the sweep, C, in the
+    /// order of the frequencies. Left out: none.
+    #[serde(rename = "charge_c")]
+    pub(super) charge_coulomb: Option<Vec<f64>>,
+    /// Path of a table of harmonics as runs write it, `harmonics.csv`, from the folder of this
+    /// file. Left out: none.
+    pub(super) harmonics: Option<String>,
+    /// Number of the sweep in the table of harmonics. Left out: 1.
+    pub(super) harmonics_sweep: Option<usize>,
     /// Amplitude of a sweep, A, above 0. Left out: from the file, otherwise unknown.
     pub(super) amplitude_a: Option<f64>,
     /// Name of the spectrum if the file contains several. Left out: the one at `bias_a`.

@@ -10,6 +10,7 @@ use analysis::{
         BenchHistory, DataSet, Finding, Fixture, Role, Run, RunData, Start, Sweep, TimeRecord,
     },
     formats::CurrentSign,
+    run_folder::read_harmonics,
     series::TimeSeries,
     spectrum::{FlaggedPoint, SourcedSpectrum},
 };
@@ -412,25 +413,37 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigE
             format!("expected times of 0 s or more, found {odd}"),
         ));
     }
-    if !sweep.elapsed_s.is_empty() && sweep.elapsed_s.len() != sweep.points.len() {
-        let (met, points) = (sweep.elapsed_s.len(), sweep.points.len());
-        return Err(at.complain(
-            "elapsed_s",
-            format!("expected a time for each of {points} points, found {met}"),
-        ));
+    sweep.charge_coulomb = entry.charge_coulomb.clone().unwrap_or_default();
+    if let Some(odd) = sweep.charge_coulomb.iter().find(|c| !c.is_finite()) {
+        return Err(at.complain("charge_c", format!("expected finite charges, found {odd}")));
+    }
+    for (field, what, count) in [
+        ("elapsed_s", "a time", sweep.elapsed_s.len()),
+        ("charge_c", "a charge", sweep.charge_coulomb.len()),
+    ] {
+        if count > 0 && count != sweep.points.len() {
+            let points = sweep.points.len();
+            return Err(at.complain(
+                field,
+                format!("expected {what} for each of {points} points, found {count}"),
+            ));
+        }
+    }
+    if let Some(file) = &entry.harmonics {
+        let number = entry.harmonics_sweep.unwrap_or(1);
+        let rows = read_harmonics(&at.source.relative(file))
+            .map_err(|text| at.complain("harmonics", text))?;
+        sweep.harmonics = files::harmonics(&rows, number);
+        if sweep.harmonics.is_empty() {
+            return Err(at.complain(
+                "harmonics_sweep",
+                format!("expected a sweep with harmonics of order 2 or 3 in {file}, found none of number {number}"),
+            ));
+        }
     }
     let from_hz = at.positive("from_hz", entry.from_hz)?.unwrap_or(0.0);
     let to_hz = at.positive("to_hz", entry.to_hz)?.unwrap_or(f64::INFINITY);
-    let within: Vec<bool> = sweep
-        .points
-        .iter()
-        .map(|p| (from_hz..=to_hz).contains(&p.freq_hz))
-        .collect();
-    let mut kept = within.iter();
-    sweep.elapsed_s.retain(|_| *kept.next().unwrap_or(&true));
-    sweep
-        .points
-        .retain(|p| (from_hz..=to_hz).contains(&p.freq_hz));
+    sweep.retain(|freq_hz| (from_hz..=to_hz).contains(&freq_hz));
     if sweep.points.is_empty() {
         return Err(at.complain(
             "from_hz",
@@ -568,6 +581,9 @@ impl At<'_> {
                     ("below_ohm", entry.below_ohm.is_some()),
                     ("below_h", entry.below_h.is_some()),
                     ("elapsed_s", entry.elapsed_s.is_some()),
+                    ("charge_c", entry.charge_coulomb.is_some()),
+                    ("harmonics", entry.harmonics.is_some()),
+                    ("harmonics_sweep", entry.harmonics_sweep.is_some()),
                     ("from_hz", entry.from_hz.is_some()),
                     ("to_hz", entry.to_hz.is_some()),
                     ("amplitude_a", entry.amplitude_a.is_some()),

@@ -11,7 +11,8 @@ use analysis::{
     dataset::{RunIndex, SweepEntry, TraceEntry, TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
     run_folder::{
-        CONFIG, EVENTS, Event, EventRow, INDEX, MANIFEST, READINGS, ReadingRow, SPECTRUM,
+        CONFIG, EVENTS, Event, EventRow, HARMONICS, INDEX, MANIFEST, READINGS, ReadingRow, SPECTRUM,
+        SweepHarmonic, read_harmonics,
     },
     series::TimeSeries,
     spectrum::FlaggedPoint,
@@ -51,6 +52,8 @@ pub(super) fn read(folder: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         loaded: empty(manifest.experiment),
         files: Files::default(),
         refused_points: how.refused_points,
+        harmonics: Vec::new(),
+        swept: 0,
     };
     reader.loaded.set.calibration = how.known;
     reader.configured();
@@ -60,6 +63,10 @@ pub(super) fn read(folder: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         return Ok(reader.loaded);
     }
     let index: RunIndex = json(&folder.join(INDEX), "expected the index of a run")?;
+    if folder.join(HARMONICS).is_file() {
+        reader.harmonics = read_harmonics(&folder.join(HARMONICS))
+            .map_err(|text| unreadable(&folder.join(HARMONICS), &text))?;
+    }
     let first_s = index
         .sweeps
         .iter()
@@ -121,6 +128,10 @@ struct Reader<'a> {
     files: Files,
     /// Points that the quality gate has refused are used, too.
     refused_points: bool,
+    /// Harmonics of the sweeps of cells.
+    harmonics: Vec<SweepHarmonic>,
+    /// Sweeps of cells that were read.
+    swept: usize,
 }
 
 impl Reader<'_> {
@@ -180,6 +191,7 @@ impl Reader<'_> {
                 ));
             }
         };
+        self.swept += usize::from(matches!(fixture, Fixture::Cell(_)));
         if !entry.corrected {
             self.note(format!(
                 "{name}: its harness was not corrected by control impedances"
@@ -218,6 +230,13 @@ impl Reader<'_> {
             });
             if sweep.points.len() == entry.elapsed_s.len() {
                 sweep.elapsed_s.clone_from(&entry.elapsed_s);
+            }
+            if sweep.points.len() == entry.conditions.len() {
+                let charges = entry.conditions.iter().map(|at| at.charge_coulomb);
+                sweep.charge_coulomb = charges.collect();
+            }
+            if matches!(fixture, Fixture::Cell(_)) {
+                sweep.harmonics = files::harmonics(&self.harmonics, self.swept);
             }
             if self.loaded.set.calibration.is_some()
                 && sweep.points.len() == entry.own_sigma_ohm.len()

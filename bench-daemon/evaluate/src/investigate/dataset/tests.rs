@@ -5,7 +5,7 @@ use analysis::{
     calibration::CommonError,
     contract::CommonModeImpedance,
     diagnosis::{
-        BenchHistory, DataSet, FindingKind, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
+        BenchHistory, DataSet, FindingKind, Fixture, Harmonic, Role, Run, RunData, Start, Sweep, SweepPoint,
         TimeRecord,
     },
     series::TimeSeries,
@@ -404,7 +404,20 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
             l_h: 7e-7,
         },
         elapsed_s: vec![30.0, 12.5],
+        charge_coulomb: vec![-4.0, 8.0 / 3.0],
+        harmonics: Vec::new(),
         points: vec![point(0.1, None, None), point(0.2, None, Some(1.0))],
+    };
+    let harmonic = |order: u32| Harmonic {
+        freq_hz: 0.2,
+        order,
+        z_ohm: Complex64::new(1e-5, -2e-5),
+        sigma_ohm: (1e-6, 2e-6),
+        amplitude_a: 2.0,
+    };
+    let with_harmonics = Sweep {
+        harmonics: vec![harmonic(2), harmonic(3)],
+        ..sweep.clone()
     };
     let history = BenchHistory {
         voltage_noise_v: 5e-4,
@@ -426,6 +439,14 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         name: "whole".to_owned(),
         runs: vec![
             run("sweep", Fixture::FakeCell(0.00375), RunData::Eis(sweep)),
+            Run {
+                repeat_group: "swept".to_owned(),
+                ..run(
+                    "sweep of the cell",
+                    Fixture::Cell("P45B 3".to_owned()),
+                    RunData::Eis(with_harmonics),
+                )
+            },
             run(
                 "a pulse, 20 A",
                 Fixture::Cell("P45B 3".to_owned()),

@@ -5,6 +5,9 @@ use std::{fmt::Write, path::Path};
 use analysis::{
     dataset::{self, DatasetError},
     diagnosis::{DataSet, Fixture, Run, RunData, Start, Sweep, TimeRecord},
+    nonlinear::HarmonicPoint,
+    numeric::Covariance2,
+    run_folder::{SweepHarmonic, harmonics_csv},
 };
 use serde_json::{Value, json};
 
@@ -58,7 +61,16 @@ pub fn write_dataset(folder: &Path, set: &DataSet) -> Result<(), WriteError> {
         };
         let file = file_name(index, run);
         dataset::write_atomically(&folder.join(&file), text.as_bytes())?;
-        listed += &entry(run, &file);
+        let mut harmonics = None;
+        if let RunData::Eis(sweep) = &run.data
+            && !sweep.harmonics.is_empty()
+        {
+            let file = file.replace(".csv", "_harmonics.csv");
+            let text = harmonics_csv(swept_harmonics(sweep));
+            dataset::write_atomically(&folder.join(&file), text.as_bytes())?;
+            harmonics = Some(file);
+        }
+        listed += &entry(run, &file, harmonics.as_deref());
     }
     Ok(dataset::write_atomically(
         &folder.join(DATASET_FILE),
@@ -67,7 +79,7 @@ pub fn write_dataset(folder: &Path, set: &DataSet) -> Result<(), WriteError> {
 }
 
 /// One `[[runs]]`. A JSON string or number is a TOML one too.
-fn entry(run: &Run, file: &str) -> String {
+fn entry(run: &Run, file: &str, harmonics: Option<&str>) -> String {
     let (fixture, resistance) = match &run.fixture {
         Fixture::Cell(name) => ("cell", ("cell", json!(name))),
         Fixture::Shunt(ohm) => ("shunt", ("fixture_ohm", json!(ohm))),
@@ -91,15 +103,18 @@ fn entry(run: &Run, file: &str) -> String {
             ("time", fields)
         }
         // −0 and 0 are one bias.
-        RunData::Eis(sweep) => (
-            "eis",
-            vec![
+        RunData::Eis(sweep) => {
+            let mut fields = vec![
                 ("bias_a", json!(0.0 - sweep.bias_a)),
                 ("below_ohm", json!(sweep.common_mode.r_ohm)),
                 ("below_h", json!(sweep.common_mode.l_h)),
                 ("elapsed_s", json!(sweep.elapsed_s)),
-            ],
-        ),
+            ];
+            let moved = &sweep.charge_coulomb;
+            fields.extend((!moved.is_empty()).then(|| ("charge_c", json!(moved))));
+            fields.extend(harmonics.map(|file| ("harmonics", json!(file))));
+            ("eis", fields)
+        }
     };
     let fields = [
         ("name", json!(run.name)),
@@ -195,6 +210,29 @@ fn series_csv(record: &TimeRecord) -> String {
         text.push('\n');
     }
     text
+}
+
+/// Harmonics in the units of their table, V/Aᵏ.
+fn swept_harmonics(sweep: &Sweep) -> impl Iterator<Item = SweepHarmonic> {
+    sweep.harmonics.iter().map(|h| {
+        let scale = h.amplitude_a.powi(1 - h.order as i32);
+        let (re, im) = h.sigma_ohm;
+        SweepHarmonic {
+            sweep: 1,
+            bias_a: 0.0 - sweep.bias_a,
+            point: HarmonicPoint {
+                freq_hz: h.freq_hz,
+                order: h.order,
+                z: h.z_ohm * scale,
+                covariance: Covariance2 {
+                    re_re: (scale * re).powi(2),
+                    im_im: (scale * im).powi(2),
+                    re_im: 0.0,
+                },
+                amplitude_a: h.amplitude_a,
+            },
+        }
+    })
 }
 
 fn spectrum_csv(sweep: &Sweep) -> String {

@@ -1,11 +1,9 @@
 //! Second and third harmonic of the cell in each sweep, as a table and a picture.
 
-use std::fmt::Write as _;
-
 use analysis::{
     nonlinear::HarmonicPoint,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
-    run_folder::{HARMONIC_COLUMNS, HARMONICS, HARMONICS_FIGURE},
+    run_folder::{HARMONICS, HARMONICS_FIGURE, SweepHarmonic, harmonics_csv},
     spectrum::ImpedancePoint,
 };
 
@@ -37,7 +35,14 @@ pub(super) fn write(
     if !sweeps.iter().any(has_harmonics) {
         return Ok(());
     }
-    recorder.text(HARMONICS, &table(&sweeps))?;
+    let rows = sweeps.iter().flat_map(|swept| {
+        swept.points.iter().map(|point| SweepHarmonic {
+            sweep: swept.number,
+            bias_a: swept.bias_a,
+            point: *point,
+        })
+    });
+    recorder.text(HARMONICS, &harmonics_csv(rows))?;
     let caption =
         "Second and third harmonic of the cell's voltage, without what the harmonics of the \
                    current explain, over the power of the current, with 2σ."
@@ -67,31 +72,6 @@ fn swept(measured: &Measured, place: usize) -> Swept {
         bias_a: measured.bias_a(place),
         points,
     }
-}
-
-fn table(sweeps: &[Swept]) -> String {
-    let mut text = format!("{HARMONIC_COLUMNS}\n");
-    for swept in sweeps {
-        for point in &swept.points {
-            let covariance = point.covariance;
-            let _ = writeln!(
-                text,
-                "{},{},{},{},{},{:e},{:e},{:e},{:e},{:e},{}",
-                swept.number,
-                swept.bias_a,
-                point.amplitude_a,
-                point.freq_hz,
-                point.order,
-                point.z.re,
-                point.z.im,
-                covariance.re_re.sqrt(),
-                covariance.im_im.sqrt(),
-                covariance.re_im,
-                point.unit()
-            );
-        }
-    }
-    text
 }
 
 fn chart(sweeps: &[Swept]) -> Chart {
