@@ -3,6 +3,8 @@
 use analysis_signal::spectrum::Spectrum;
 use serde::Serialize;
 
+use super::lag::Lag;
+
 /// What a record of ordinary use shows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Usage {
@@ -10,6 +12,8 @@ pub struct Usage {
     pub interval_s: f64,
     /// Length of the record without gaps, s.
     pub length_s: f64,
+    /// Lag of the current channel, which the impedances no longer have; `None` if none is certain.
+    pub lag: Option<Lag>,
     /// One entry for each cell.
     pub cells: Vec<CellUsage>,
     /// Each cell against the mean of the string; empty for fewer than four cells.

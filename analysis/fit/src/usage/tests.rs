@@ -22,6 +22,10 @@ struct Logger {
     jitter_s: f64,
     lsb_v: f64,
     noise_a: f64,
+    /// Delay of the current, s.
+    delay_s: f64,
+    /// Time constant of the current's low-pass, s.
+    low_pass_s: f64,
 }
 
 const BMS: Logger = Logger {
@@ -29,6 +33,8 @@ const BMS: Logger = Logger {
     jitter_s: 0.001,
     lsb_v: 1e-3,
     noise_a: 0.02,
+    delay_s: 0.0,
+    low_pass_s: 0.0,
 };
 
 /// Steps of a load as a robot draws them: each lasts 50 ms to 1 s.
@@ -36,6 +42,8 @@ fn record(cells: &[Erm], seconds: f64, logger: &Logger, load_a: f64, seed: u64) 
     let mut rng = Rng::new(seed);
     let rows = (seconds / logger.interval_s) as usize;
     let fine = 4;
+    let mut shown_a = vec![0.0];
+    let mut passed_a = 0.0;
     let step_s = logger.interval_s / f64::from(fine);
     let mut states = vec![[0.0; 2]; cells.len()];
     let (mut level_a, mut until_s) = (0.0, 0.0);
@@ -49,6 +57,12 @@ fn record(cells: &[Erm], seconds: f64, logger: &Logger, load_a: f64, seed: u64) 
                 level_a = load_a * rng.uniform();
                 until_s = t_s + 0.05 + 0.95 * rng.uniform();
             }
+            if logger.low_pass_s > 0.0 {
+                passed_a += (level_a - passed_a) * -(-step_s / logger.low_pass_s).exp_m1();
+            } else {
+                passed_a = level_a;
+            }
+            shown_a.push(passed_a);
             for (state, erm) in states.iter_mut().zip(cells) {
                 for (v, branch) in state.iter_mut().zip(&erm.branches) {
                     let fade = (-step_s / branch.time_constant_s()).exp();
@@ -57,7 +71,9 @@ fn record(cells: &[Erm], seconds: f64, logger: &Logger, load_a: f64, seed: u64) 
             }
         }
         time_s.push(row as f64 * logger.interval_s + jitter_s);
-        current_a.push(level_a + logger.noise_a * rng.normal());
+        let late = (logger.delay_s / step_s).round() as usize;
+        let shown = shown_a[(shown_a.len() - 1).saturating_sub(late)];
+        current_a.push(shown + logger.noise_a * rng.normal());
         for (k, (erm, state)) in cells.iter().zip(&states).enumerate() {
             // Open-circuit voltages that differ and fall.
             let ocv_v = 3.7 + 0.003 * k as f64
@@ -105,6 +121,53 @@ fn the_impedance_of_a_robots_log_lies_within_its_interval_and_quiet_bands_are_re
     }
     let share = inside as f64 / f64::from(all);
     assert!(share > 0.9, "{share} lie within 95 %");
+}
+
+#[test]
+fn a_lag_of_the_current_is_found_and_taken_out() {
+    for (delay_s, low_pass_s, kind) in [
+        (0.01, 0.0, LagKind::Delay),
+        (0.03, 0.0, LagKind::Delay),
+        (0.0, 0.01, LagKind::LowPass),
+        (0.0, 0.03, LagKind::LowPass),
+    ] {
+        let logger = Logger {
+            delay_s,
+            low_pass_s,
+            ..BMS
+        };
+        let logged = record(&[cell(1.0)], 300.0, &logger, 30.0, 7);
+        let found = usage(&logged).unwrap();
+        let lag = found.lag.unwrap();
+        let truth_s = delay_s + low_pass_s;
+        let off_s = (lag.lag_s - truth_s).abs();
+        assert_eq!(lag.kind, kind, "{lag:?} of {truth_s}");
+        assert!(off_s < 0.001 + 2.0 * lag.sigma_s, "{lag:?} of {truth_s}");
+        assert!(
+            lag.sigma_s < 0.001 || kind == LagKind::LowPass,
+            "{lag:?} of {truth_s}"
+        );
+        for point in &found.cells[0].spectrum.points {
+            let truth = cell(1.0).impedance(point.freq_hz);
+            let off = (point.z_ohm - truth).norm() / truth.norm();
+            let sigma = point.magnitude_sigma_ohm() / truth.norm();
+            assert!(
+                off < 0.03 + 3.0 * sigma && sigma <= 0.12,
+                "{off} ± {sigma} at {} Hz behind {lag:?}",
+                point.freq_hz
+            );
+        }
+    }
+}
+
+#[test]
+fn a_current_that_is_not_late_has_no_lag() {
+    for seed in 0..12 {
+        let found = usage(&record(&[cell(1.0)], 300.0, &BMS, 30.0, seed)).unwrap();
+        let lag_s = found.lag.map_or(0.0, |lag| lag.lag_s);
+        // Half an interval: the load changes between the rows.
+        assert!(lag_s.abs() < 0.5 * BMS.interval_s, "{:?}", found.lag);
+    }
 }
 
 /// Noise of the current sensor lowers the impedance; where it is a tenth of the current's power or more,

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{
     grid::{Piece, pieces as pieces_of, without_line},
+    lag::{Best, Lag, LagKind, lag},
     record::{UsageError, UsageRecord},
     result::{CellUsage, RefusedBand, Usage},
     string::string,
@@ -45,6 +46,41 @@ struct Sums {
 /// [`UsageError`] for an invalid record, or a current without power at any frequency.
 pub fn usage(record: &UsageRecord) -> Result<Usage, UsageError> {
     record.check()?;
+    let found = shown(record)?;
+    let lag_of = |found: &Usage| {
+        let spectra = found.cells.iter().map(|cell| &cell.spectrum);
+        lag(spectra, found.interval_s)
+    };
+    let Some(Best { mut lag, .. }) = lag_of(&found).filter(Best::is_certain) else {
+        return Ok(found);
+    };
+    let (mut found, mut left) = (found, lag);
+    if lag.kind == LagKind::Delay {
+        // The windows of the two channels differ by the delay, which lowers the impedance: the record is
+        // read again without it, twice, because what is left shows better then.
+        for _ in 0..2 {
+            found = shown(&record.with_current_earlier(lag.lag_s))?;
+            if let Some(rest) = lag_of(&found).filter(|rest| rest.lag.kind == LagKind::Delay) {
+                lag.lag_s += rest.lag.lag_s;
+                lag.sigma_s = rest.lag.sigma_s;
+            }
+        }
+        found = shown(&record.with_current_earlier(lag.lag_s))?;
+        left = Lag { lag_s: 0.0, ..lag };
+    }
+    for cell in &mut found.cells {
+        left.remove(&mut cell.spectrum);
+        cell.refuse_uncertain();
+    }
+    if found.cells.iter().all(|cell| cell.spectrum.points.is_empty()) {
+        return Err(no_power(&found.cells));
+    }
+    found.lag = Some(lag);
+    Ok(found)
+}
+
+/// Estimates the impedances as the channels show them.
+fn shown(record: &UsageRecord) -> Result<Usage, UsageError> {
     let (interval_s, pieces) = pieces_of(record);
     let halves = [
         record.part(0, record.time_s.len() / 2),
@@ -65,23 +101,45 @@ pub fn usage(record: &UsageRecord) -> Result<Usage, UsageError> {
     };
     let cells: Vec<CellUsage> = (0..record.cells.len()).into_par_iter().map(cell).collect();
     if cells.iter().all(|cell| cell.spectrum.points.is_empty()) {
-        let tried = cells
-            .first()
-            .map_or(&[][..], |cell| cell.refused.as_slice());
-        return Err(UsageError::NoPower {
-            expected_percent: 100.0 * GREATEST,
-            from_hz: tried.first().map_or(f64::NAN, |band| band.freq_hz),
-            to_hz: tried.last().map_or(f64::NAN, |band| band.freq_hz),
-        });
+        return Err(no_power(&cells));
     }
     let names: Vec<&str> = record.cells.iter().map(|cell| cell.name.as_str()).collect();
     let samples: usize = pieces.iter().map(|piece| piece.current_a.len()).sum();
     Ok(Usage {
         interval_s,
         length_s: samples as f64 * interval_s,
+        lag: None,
         cells,
         string: string(&names, &pieces, interval_s),
     })
+}
+
+fn no_power(cells: &[CellUsage]) -> UsageError {
+    let tried = cells
+        .first()
+        .map_or(&[][..], |cell| cell.refused.as_slice());
+    UsageError::NoPower {
+        expected_percent: 100.0 * GREATEST,
+        from_hz: tried.first().map_or(f64::NAN, |band| band.freq_hz),
+        to_hz: tried.last().map_or(f64::NAN, |band| band.freq_hz),
+    }
+}
+
+impl CellUsage {
+    /// Refuses points whose uncertainty has become too great.
+    fn refuse_uncertain(&mut self) {
+        let relative = |p: &ImpedancePoint| p.magnitude_sigma_ohm() / p.magnitude_ohm();
+        let points = std::mem::take(&mut self.spectrum.points);
+        let (kept, refused) = points
+            .into_iter()
+            .partition::<Vec<_>, _>(|point| relative(point) <= GREATEST);
+        self.spectrum.points = kept;
+        self.refused.extend(refused.iter().map(|point| RefusedBand {
+            freq_hz: point.freq_hz,
+            uncertainty: relative(point),
+        }));
+        self.refused.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
+    }
 }
 
 /// Returns the impedance of one cell by rising frequency, and the frequencies that are refused.

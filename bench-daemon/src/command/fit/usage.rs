@@ -9,7 +9,7 @@ use analysis::{
     report::{Figure, Level, Report, Table as Shown, Verdict},
     run_folder,
     table::{Hash, Table},
-    usage::{CellUsage, CellVoltage, StringCell, Usage, UsageRecord, usage},
+    usage::{CellUsage, CellVoltage, Lag, LagKind, StringCell, Usage, UsageRecord, usage},
 };
 use serde::Serialize;
 
@@ -32,6 +32,7 @@ struct Logged {
     log: String,
     length_s: f64,
     interval_s: f64,
+    lag: Option<Lag>,
     cells: Vec<Cell>,
     string: Vec<StringCell>,
     #[serde(skip)]
@@ -127,6 +128,7 @@ fn logged(file: &Path, rc: usize, seed: u64) -> Result<Logged, Failure> {
             .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
         length_s: found.length_s,
         interval_s: found.interval_s,
+        lag: found.lag,
         cells: found.cells.iter().map(cell).collect(),
         string: found.string.clone(),
         found,
@@ -220,6 +222,31 @@ fn rises_with_current(record: &UsageRecord) -> bool {
     record.cells.iter().map(sum).sum::<f64>() > 0.0
 }
 
+/// Returns the lag of the current channel as a sentence.
+fn lag_in_words(lag: &Lag) -> String {
+    let as_what = match lag.kind {
+        LagKind::Delay => "by",
+        LagKind::LowPass => "as behind a low-pass of",
+    };
+    let (late, early) = if lag.lag_s > 0.0 {
+        ("current", "voltages")
+    } else {
+        ("voltages", "current")
+    };
+    format!(
+        "the {late} lags the {early} {as_what} {} ms ± {} ms: taken out of the impedances",
+        significant(1e3 * lag.lag_s.abs(), 3),
+        significant(1e3 * lag.sigma_s, 2)
+    )
+}
+
+/// Returns the verdicts on a log in sentences.
+fn verdicts(log: &Logged) -> impl Iterator<Item = String> {
+    string_in_words(&log.string)
+        .into_iter()
+        .chain(log.lag.as_ref().map(lag_in_words))
+}
+
 /// Returns the verdict on a string in sentences; empty for a single cell.
 fn string_in_words(string: &[StringCell]) -> Vec<String> {
     let weak: Vec<String> = string
@@ -300,9 +327,7 @@ fn print(log: &Logged) {
         let fields = row.iter().map(|field| format!("{field:<18}"));
         say!("  {}", fields.collect::<String>().trim_end());
     }
-    string_in_words(&log.string)
-        .iter()
-        .for_each(|text| say!("{text}"));
+    verdicts(log).for_each(|text| say!("{text}"));
 }
 
 fn write(folder: &Path, log: &Logged) -> Result<(), Failure> {
@@ -328,8 +353,7 @@ fn write(folder: &Path, log: &Logged) -> Result<(), Failure> {
     files::write_picture(folder, "usage", |path| plot::nyquist(&picture, path))?;
     let report = Report {
         title: format!("Impedance from ordinary use: {}", log.log),
-        verdicts: string_in_words(&log.string)
-            .into_iter()
+        verdicts: verdicts(log)
             .map(|text| Verdict {
                 level: Level::Note,
                 text,
