@@ -64,7 +64,7 @@ pub(super) enum Current {
 pub(super) struct Model<'a> {
     pub(super) base: &'a Base,
     pub(super) added: &'a [Added<'a>],
-    pub(super) network: Network,
+    network: Network,
 }
 
 impl<'a> Model<'a> {
@@ -124,7 +124,10 @@ fn of_sweep(
         ("a charge for each point", sweep.charge_coulomb.len()),
     ] {
         if count > 0 && count != sweep.points.len() {
-            return Err((expected, format!("{count} for {} points", sweep.points.len())));
+            return Err((
+                expected,
+                format!("{count} for {} points", sweep.points.len()),
+            ));
         }
     }
     let point = |(k, p): (usize, &SweepPoint)| {
@@ -139,6 +142,12 @@ fn of_sweep(
         }
     };
     let points: Vec<Point> = sweep.points.iter().enumerate().map(point).collect();
+    if let Some(odd) = points.iter().find(|p| !(0.0..=1.0).contains(&p.soc)) {
+        return Err((
+            "charges of points that lead to a state of charge from 0 to 1",
+            format!("{:.3} at {} Hz", odd.soc, odd.freq_hz),
+        ));
+    }
     let control_ohm = match fixture {
         Fixture::Cell(_) => None,
         Fixture::Shunt(ohm) | Fixture::FakeCell(ohm) => Some(*ohm),
@@ -167,7 +176,11 @@ fn of_sweep(
             order: h.order,
         })
     };
-    let harmonics = sweep.harmonics.iter().map(harmonic).collect::<Result<_, _>>()?;
+    let harmonics = sweep
+        .harmonics
+        .iter()
+        .map(harmonic)
+        .collect::<Result<_, _>>()?;
     let sigma_ohm = sweep.points.iter().map(|p| p.sigma_ohm);
     let kind = Kind::Eis {
         sigma_ohm: sigma_ohm
@@ -218,9 +231,8 @@ impl Block {
             },
         };
         let (kind, measured) = match &run.data {
-            RunData::Eis(sweep) => {
-                of_sweep(sweep, &run.fixture, at, &base.ocv).map_err(|(expected, met)| fail(expected, met))?
-            }
+            RunData::Eis(sweep) => of_sweep(sweep, &run.fixture, at, &base.ocv)
+                .map_err(|(expected, met)| fail(expected, met))?,
             RunData::Time(record) => {
                 record
                     .series
@@ -277,7 +289,6 @@ impl Block {
         })
     }
 
-    /// Returns the number of rows.
     /// Returns the measured size of the impedance that a row of a spectrum belongs to, Ω: for a
     /// harmonic, that of its fundamental.
     pub(super) fn impedance_ohm(&self, row: usize) -> f64 {
@@ -294,6 +305,7 @@ impl Block {
         self.measured[2 * point].hypot(self.measured[2 * point + 1])
     }
 
+    /// Returns the number of rows.
     pub(super) fn rows(&self) -> usize {
         self.measured.len()
     }
@@ -466,7 +478,7 @@ impl Block {
                 for HarmonicPoint { at, order } in more {
                     let both = match last {
                         Some((point, both)) if point == *at => both,
-                        _ => harmonics(&mut workspace.player, model.base, model.added, at),
+                        _ => harmonics(model.base, model.added, at),
                     };
                     last = Some((*at, both));
                     let z = both[*order as usize - 2];

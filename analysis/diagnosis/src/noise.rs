@@ -16,7 +16,7 @@ use super::edges::{self, UNIFORM};
 use super::shared::{self, Errors, RecordRows};
 use super::time_block::TimeBlock;
 use super::whitening::{Whitener, dot};
-use crate::thresholds::{ASSUMED_DISTORTION_PART, EDGE_ROW_PART, HISTORY_SPREAD, IGNORANCE_SPREAD, MOST_STRETCHES};
+use crate::thresholds::{EDGE_ROW_PART, HISTORY_SPREAD, IGNORANCE_SPREAD, MOST_STRETCHES};
 use analysis_effects::{augmented::Added, contract::Base, effects::resistance_spread};
 use analysis_signal::calibration::CommonError;
 use analysis_signal::history::BenchHistory;
@@ -176,19 +176,10 @@ impl Shape {
                 sigma_ohm,
                 ..
             } => {
-                let of_points = &predicted[..2 * points.len()];
-                let size: Vec<f64> = of_points
+                let size: Vec<f64> = predicted[..2 * points.len()]
                     .chunks_exact(2)
                     .flat_map(|z| [z[0].hypot(z[1]); 2])
                     .chain(harmonics.iter().flat_map(|_| [0.0; 2]))
-                    .collect();
-                let distorted = harmonics.iter().flat_map(|h| {
-                    let z_ohm = model.network.impedance(h.at.freq_hz).norm();
-                    [(ASSUMED_DISTORTION_PART * z_ohm).powi(2); 2]
-                });
-                let distorted: Vec<f64> = vec![0.0; of_points.len()]
-                    .into_iter()
-                    .chain(distorted)
                     .collect();
                 let stated = |k: usize| {
                     sigma_ohm[k / 2].map_or(0.0, |s| if k.is_multiple_of(2) { s.0 } else { s.1 })
@@ -196,7 +187,7 @@ impl Shape {
                 Self {
                     n: size.len(),
                     fixed: (0..size.len())
-                        .map(|k| stated(k).powi(2) + (1e-7 * size[k]).powi(2) + distorted[k])
+                        .map(|k| stated(k).powi(2) + (1e-7 * size[k]).powi(2))
                         .collect(),
                     white: (Term::Eis, size.iter().map(|z| z * z).collect()),
                     propagated: Vec::new(),

@@ -1,7 +1,8 @@
 //! Errors that are equal in all runs of a campaign: the error of the current's gain after
 //! calibration, the gain that calibration cannot detect because current and voltage share it, the
 //! error of the meter for start voltages, the position of edges between a logger's rows, which may
-//! be equal at all of them, and the common error of a correction by control impedances. Repeats do
+//! be equal at all of them, the distortion of the voltage channel, and the common error of a
+//! correction by control impedances. Repeats do
 //! not show them, and more repeats do not reduce them.
 //!
 //! With v the effect of one standard deviation of such an error on the whitened rows of all runs,
@@ -14,20 +15,24 @@ use super::block::Kind;
 use super::edges::{self, EdgeErrors};
 use super::time_block::TimeBlock;
 use super::whitening::dot;
+use crate::thresholds::ASSUMED_DISTORTION_PART;
 use analysis_effects::contract::{Base, Point};
 use analysis_signal::calibration::{COMMON, CommonError};
 use analysis_signal::history::BenchHistory;
 use num_complex::Complex64;
 
 /// Change of the rows of a block by one standard deviation of each shared error: of the
-/// calibration, of the gain of both channels, of the start voltage, of all edges, and of each
-/// independent error that the correction leaves.
+/// calibration, of the gain of both channels, of the start voltage, of all edges, of the distortion,
+/// and of each independent error that the correction leaves.
 pub(super) type Errors = [Vec<f64>; OWN + COMMON];
 
 /// Errors of the channels and of the start.
 pub(super) const CHANNELS: usize = 3;
 /// Errors beside those of the correction.
-const OWN: usize = CHANNELS + edges::COMMON;
+const OWN: usize = DISTORTION + 4;
+/// First of the distortions of the voltage channel: real and imaginary part of the second, then of the
+/// third harmonic.
+const DISTORTION: usize = CHANNELS + edges::COMMON;
 
 /// Rows of a record, V.
 #[derive(Debug, Clone, Copy)]
@@ -118,10 +123,45 @@ pub(super) fn of_spectrum(
             .chain(harmonics.iter().flat_map(|_| [0.0; 2]))
             .collect()
     };
+    // The row of a harmonic goes with the current's amplitude to the power of its order.
+    let gains = points
+        .iter()
+        .map(|_| 1.0)
+        .chain(harmonics.iter().map(|h| f64::from(h.order)))
+        .flat_map(|order| [order * gain; 2]);
+    // The channel measures what lies below the cell, too.
+    let distorted = |kind: usize| -> Vec<f64> {
+        let rows = harmonics.iter().flat_map(|h| {
+            let at = points.iter().position(|p| p.freq_hz == h.at.freq_hz);
+            let z = at.map_or(Complex64::ZERO, |at| {
+                Complex64::new(predicted[2 * at], predicted[2 * at + 1])
+            });
+            let shown_ohm = (z + h.at.common_mode.impedance(h.at.freq_hz)).norm();
+            let own = usize::from(h.order == 3) == kind / 2;
+            let part = |quadrature: usize| {
+                let is_own = own && quadrature == kind % 2;
+                if is_own {
+                    ASSUMED_DISTORTION_PART * shown_ohm
+                } else {
+                    0.0
+                }
+            };
+            [part(0), part(1)]
+        });
+        vec![0.0; 2 * points.len()]
+            .into_iter()
+            .chain(rows)
+            .collect()
+    };
     // An error common to two channels cancels in their ratio.
     std::array::from_fn(|k| match k {
-        0 => predicted.iter().map(|z| gain * z).collect(),
-        1..OWN => vec![0.0; predicted.len()],
+        0 => predicted
+            .iter()
+            .zip(gains.clone())
+            .map(|(z, gain)| gain * z)
+            .collect(),
+        DISTORTION..OWN => distorted(k - DISTORTION),
+        1..DISTORTION => vec![0.0; predicted.len()],
         _ => left(k - OWN),
     })
 }

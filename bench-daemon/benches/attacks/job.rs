@@ -17,12 +17,17 @@ pub(crate) enum Job {
     Multisine,
     Trace,
     LoadTrace,
+    Biased,
 }
 
 const SWEEP: &str = "[eis]\nstart = \"100 Hz\"\nstop = \"300 Hz\"\npoints = 3\namplitude = \"1 A\"\n\
     periods = 11\nextra_wait = \"1 s\"\nrepeat = REPEAT\n";
 const SLOW_SWEEP: &str = "[eis]\nfrequencies = [\"0.2 Hz\", \"150 Hz\", \"300 Hz\"]\n\
     amplitude = \"1 A\"\nperiods = 2\nperiods_on_screen = 2\nextra_wait = \"1 s\"\n";
+const BIASED_SWEEP: &str = "[eis]\nfrequencies = [\"0.5 Hz\", \"150 Hz\", \"300 Hz\"]\n\
+    amplitude = \"1 A\"\nperiods = 2\nperiods_on_screen = 2\nextra_wait = \"1 s\"\n\
+    rest_first = \"10 s\"\nbias = [\"-2 A\"]\nbias_charge = \"2 %\"\nbias_settle = \"5 s\"\n\
+    resistance_max = \"40 mΩ\"\n";
 const HOLD: &str =
     "[temperature]\nsetpoint = \"24 °C\"\nwithin = \"1.5 K\"\ntimeout = \"60 min\"\n";
 const RESET: &str = "[soc_reset]\ndischarge_current = \"5 A\"\ndischarge_until = \"3.67 V\"\n\
@@ -51,6 +56,7 @@ impl Job {
             Self::Fast | Self::SlowBlocks | Self::Pause => sweep(1),
             Self::Twice => sweep(2),
             Self::Slow => SLOW_SWEEP.to_owned(),
+            Self::Biased => BIASED_SWEEP.to_owned(),
             Self::Prompt => sweep(1) + CONTROLS,
             Self::Hold => sweep(1) + HOLD,
             Self::Reset => sweep(1) + RESET,
@@ -68,7 +74,9 @@ impl Job {
     /// Returns the number of stages of its plan.
     pub(crate) const fn stages(self) -> usize {
         match self {
-            Self::Fast | Self::Slow | Self::SlowBlocks | Self::Pause | Self::Leg => 1,
+            Self::Fast | Self::Slow | Self::SlowBlocks | Self::Pause | Self::Leg | Self::Biased => {
+                1
+            }
             _ => 2,
         }
     }
@@ -83,6 +91,7 @@ impl Job {
         match self {
             Self::Reset => (-5.0, 3.0),
             Self::LoadTrace => (-5.0, 2.0),
+            Self::Biased => (-3.0, 2.0),
             _ => (-1.0, 1.0),
         }
     }
@@ -133,6 +142,12 @@ pub(crate) fn asked_a(step: &str, job: Job) -> Option<(f64, f64)> {
         Some((0.0, amps()))
     } else if step.starts_with("trace ") {
         Some(job.extremes_a())
+    } else if step.starts_with("ramp the direct current") {
+        Some((-2.0, 0.0))
+    } else if step.starts_with("bring back") {
+        Some((0.0, 2.0))
+    } else if job == Job::Biased && step.starts_with("point ") {
+        Some((-3.0, 0.0))
     } else if step.starts_with("point ")
         || step.starts_with("multisine")
         || step.starts_with("measure again")

@@ -19,6 +19,9 @@ pub(crate) enum Window {
     Zero,
     Trace,
     LoadTrace,
+    BiasRamp,
+    BiasedSine,
+    BringBack,
     Pause,
     Prompt,
     Wait,
@@ -46,7 +49,7 @@ pub(crate) enum Cue {
 const BIPOLAR: &[&str] = &["supply4q", "generator"];
 
 impl Window {
-    pub(crate) const ALL: [Self; 21] = [
+    pub(crate) const ALL: [Self; 24] = [
         Self::Start,
         Self::Hold,
         Self::Discharge,
@@ -61,6 +64,9 @@ impl Window {
         Self::Zero,
         Self::Trace,
         Self::LoadTrace,
+        Self::BiasRamp,
+        Self::BiasedSine,
+        Self::BringBack,
         Self::Pause,
         Self::Prompt,
         Self::Wait,
@@ -86,6 +92,9 @@ impl Window {
             Self::Zero => "zero",
             Self::Trace => "trace",
             Self::LoadTrace => "trace through the load",
+            Self::BiasRamp => "direct current, ramp",
+            Self::BiasedSine => "direct current, sine",
+            Self::BringBack => "direct current, bringing back the charge",
             Self::Pause => "pause on request",
             Self::Prompt => "prompt for a person",
             Self::Wait => "wait after a fault of the wire",
@@ -105,6 +114,7 @@ impl Window {
             Self::Multisine => Job::Multisine,
             Self::Zero | Self::Trace => Job::Trace,
             Self::LoadTrace => Job::LoadTrace,
+            Self::BiasRamp | Self::BiasedSine | Self::BringBack => Job::Biased,
             Self::Prompt => Job::Prompt,
             Self::Pause => Job::Pause,
             Self::Analysis => Job::Twice,
@@ -135,6 +145,9 @@ impl Window {
             Self::Zero => Cue::Step("then the zeros", 2.0),
             Self::Trace => Cue::Step("trace pulse", 4.0),
             Self::LoadTrace => Cue::Step("trace pulse", 6.0),
+            Self::BiasRamp => Cue::Step("ramp the direct current to", 2.0),
+            Self::BiasedSine => Cue::Step("0.5000 Hz", 5.0),
+            Self::BringBack => Cue::Step("bring back", 5.0),
             Self::Pause => Cue::Entry("paused", 3.0),
             Self::Prompt => Cue::Entry("asked", 3.0),
             Self::Wait => Cue::Said("going on by itself", 1.0),
@@ -156,6 +169,9 @@ impl Window {
             | Self::PowerDown
             | Self::Multisine
             | Self::Trace
+            | Self::BiasRamp
+            | Self::BiasedSine
+            | Self::BringBack
             | Self::Download => BIPOLAR,
             Self::Start
             | Self::Hold
@@ -183,6 +199,7 @@ impl Window {
                 | Self::Multisine
                 | Self::Zero
                 | Self::Trace
+                | Self::BiasedSine
                 | Self::Download
         )
     }
@@ -192,9 +209,13 @@ impl Window {
         matches!(self, Self::Wait | Self::Reconnection)
     }
 
-    /// Checks whether the run ends on its own in a time that can be waited for.
+    /// Checks whether the run ends on its own in a time that can be waited for, and goes on after an
+    /// outage: under a direct current it does not, because its charge is not known then.
     pub(crate) const fn ends_soon(self) -> bool {
-        !matches!(self, Self::Hold | Self::Leg)
+        !matches!(
+            self,
+            Self::Hold | Self::Leg | Self::BiasRamp | Self::BiasedSine | Self::BringBack
+        )
     }
 
     /// Checks whether the run holds the bench: not every output was read back as off for the last
@@ -215,6 +236,7 @@ impl Window {
     pub(crate) const fn period_s(self) -> f64 {
         match self {
             Self::SlowSine => 5.0,
+            Self::BiasedSine => 2.0,
             Self::Multisine => 1.0,
             _ => 0.1,
         }

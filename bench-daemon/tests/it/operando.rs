@@ -173,6 +173,36 @@ fn along_a_discharge_the_impedance_is_known_at_each_charge() {
     assert!(files.path("run").join("plots/operando.svg").exists());
 }
 
+/// Ten benches with their own harness, or as many as `EIS_BENCH_SEEDS`, along C/5 of a cell whose charge
+/// transfer falls with the current and whose resistances follow the charge.
+#[test]
+#[ignore = "drill"]
+fn the_uncertainty_along_a_discharge_covers_the_truth() {
+    let files = files(
+        "operando = true\nbias = [\"-0.9 A\"]\nbias_charge = \"4 %\"\nresistance_max = \"30 mΩ\"",
+    )
+    .append(
+        SCENARIO,
+        "[effects.butler_volmer]\nbranch = 1\nalpha = 0.5\n\
+        [effects.soc_resistance]\nslope = -1.5\nreference_soc = 0.6",
+    );
+    let seeds: u64 = std::env::var("EIS_BENCH_SEEDS").map_or(10, |text| text.parse().unwrap());
+    let (mut covered, mut close) = (0.0, 0.0);
+    for seed in 1..=seeds {
+        let mut experiment = files.load();
+        experiment.seed = seed;
+        let finished = run_experiment(&experiment, &files.path(&format!("run{seed}"))).unwrap();
+        let (inside, near) = shares(&finished);
+        let screens = finished.measured.multisines.len();
+        eprintln!("seed {seed}: {screens} screens, {inside:.3} inside, {near:.3} within 1 %");
+        covered += inside / seeds as f64;
+        close += near / seeds as f64;
+    }
+    eprintln!("{seeds} seeds: {covered:.3} inside, {close:.3} within 1 %");
+    assert!(close >= 0.9, "{close} of the impedances lie within 1 %");
+    assert!((0.9..=0.99).contains(&covered), "{covered} lie within 95 %");
+}
+
 #[test]
 fn a_run_along_a_discharge_is_verified_and_resumed_to_the_same_files() {
     let files = files(

@@ -98,7 +98,7 @@ fn outstanding(blocks: &[Block]) -> Vec<String> {
 fn place(block: &Block) -> String {
     let part = shortened(&block.part);
     let size = match block.dimension {
-        "frequency" => format!("{} % of |Z|", plain(0.1 * block.rms)),
+        "frequency" | "harmonic" => format!("{} % of |Z|", plain(0.1 * block.rms)),
         _ => format!("{} mV", plain(block.rms)),
     };
     let words = match (block.dimension, part.rsplit_once(", ")) {
@@ -108,6 +108,7 @@ fn place(block: &Block) -> String {
         }
         ("time since edge", None) => format!("{part} after a change of the current"),
         ("frequency", _) => format!("in the spectra, {part}"),
+        ("harmonic", Some((order, band))) => format!("in the {order} harmonic, {band}"),
         ("sign", _) => format!("under {part}"),
         (dimension, _) => format!("at {dimension} {part}"),
     };

@@ -143,7 +143,7 @@ fn block_table(d: &Diagnosis, blocks: &[&Block]) -> Item {
     let row = |b: &&Block| {
         let part = format!("{}: {}", b.dimension, b.part);
         let later = after(d, b).filter(|_| d.has_additions());
-        let unit = if b.dimension == "frequency" {
+        let unit = if matches!(b.dimension, "frequency" | "harmonic") {
             "‰ of |Z|"
         } else {
             "mV"

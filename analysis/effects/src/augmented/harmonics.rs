@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use num_complex::Complex64;
 
 use super::{Added, Between, Grid, Player, network};
-use crate::contract::{Base, Network, Point, Ramp, Record};
+use crate::contract::{Base, Group, Network, Point, Ramp, Record};
 
 /// Periods that are simulated, and those at the end that are evaluated.
 const PERIODS: usize = 6;
@@ -20,6 +20,8 @@ const STEPS: usize = 48;
 /// the one before.
 const HELD_S: f64 = 60.0;
 const HELD_STEPS: usize = 14;
+/// Duration of the step from the direct current to the sine, s.
+const STEP_S: f64 = 1e-6;
 /// Evaluated samples.
 const SAMPLES: usize = EVALUATED * STEPS;
 /// Functions that the fit removes or finds: a parabola, and sine and cosine of three orders.
@@ -38,16 +40,16 @@ pub struct HarmonicPoint {
 /// voltage at k times the frequency over the amplitude A of the current. Charging counts positive,
 /// phases from the peak of the current. Zero without an amplitude.
 ///
-/// Effects that act on sampled channels only have no part in it.
-pub fn harmonics(
-    player: &mut Player,
-    base: &Base,
-    added: &[Added<'_>],
-    at: &Point,
-) -> [Complex64; 2] {
+/// Effects of the bench have no part in it: they act on the channels of a logger.
+pub fn harmonics(base: &Base, added: &[Added<'_>], at: &Point) -> [Complex64; 2] {
     let Some(amplitude_a) = at.amplitude_a.filter(|a| *a > 0.0 && at.is_cell) else {
         return [Complex64::ZERO; 2];
     };
+    let cell: Vec<Added<'_>> = added
+        .iter()
+        .copied()
+        .filter(|one| one.effect.card().group == Group::Cell)
+        .collect();
     let sine = Sine::new(at, amplitude_a);
     let moved_coulomb = sine.charge_coulomb();
     let record = Record {
@@ -63,8 +65,9 @@ pub fn harmonics(
     };
     let grid = Grid::new(&sine.time_s, Between::Linear);
     let mut voltage_v = Vec::with_capacity(sine.time_s.len());
-    player.play(base, added, &record, &grid, 1, &mut voltage_v);
-    let linear_v = small_signal(&network(base, added), &sine);
+    // A player of its own: another one keeps the gains of its records.
+    Player::default().play(base, &cell, &record, &grid, 1, &mut voltage_v);
+    let linear_v = small_signal(&network(base, &cell), &sine);
     let first = voltage_v.len() - SAMPLES;
     let bent_v: Vec<f64> = voltage_v[first..]
         .iter()
@@ -96,6 +99,8 @@ impl Sine {
                 begin_s += step_s;
                 step_s *= 2.0;
             }
+            // The current is interpolated: it stays until just before the sine.
+            sine.push(begin_s - STEP_S, at.bias_a);
         }
         let step_s = (STEPS as f64 * at.freq_hz).recip();
         for k in 0..=PERIODS * STEPS {
@@ -122,7 +127,9 @@ impl Sine {
         let steps = self.time_s[..=middle]
             .windows(2)
             .zip(self.current_a.windows(2));
-        steps.map(|(t, i)| 0.5 * (i[0] + i[1]) * (t[1] - t[0])).sum()
+        steps
+            .map(|(t, i)| 0.5 * (i[0] + i[1]) * (t[1] - t[0]))
+            .sum()
     }
 }
 
@@ -134,9 +141,8 @@ fn small_signal(network: &Network, sine: &Sine) -> Vec<f64> {
         start: 1.0,
         end: 1.0,
     };
-    let drop = |states_v: &[f64], current_a: f64| {
-        linear.r_ohm * current_a + states_v.iter().sum::<f64>()
-    };
+    let drop =
+        |states_v: &[f64], current_a: f64| linear.r_ohm * current_a + states_v.iter().sum::<f64>();
     let mut dropped_v = vec![drop(&states_v, sine.current_a[0])];
     for k in 1..sine.time_s.len() {
         let currents_a = Ramp {
@@ -181,7 +187,9 @@ fn tones(samples: &[f64]) -> [Complex64; 2] {
     }
     for (own, column) in bent.iter().zip(&columns[7..]).rev() {
         let part = dot(&rest, own) / dot(own, column);
-        rest.iter_mut().zip(column).for_each(|(r, c)| *r -= part * c);
+        rest.iter_mut()
+            .zip(column)
+            .for_each(|(r, c)| *r -= part * c);
     }
     let phasor = |order: usize| {
         let read = |j: usize| dot(&rest, &columns[j]) / dot(&columns[j], &columns[j]);

@@ -3,10 +3,11 @@
 //! A sum of RC branches with positive resistances, a resistance and a capacitance cannot turn its
 //! phase as a lag does. The lag is the one with which such a sum fits the impedance best; its
 //! uncertainty follows from the rise of χ². A low-pass has a wide uncertainty, because a fast branch
-//! undoes a part of it.
+//! undoes a part of it; a series inductance looks like one.
 
 use std::f64::consts::TAU;
 
+use analysis_numeric::Covariance2;
 use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
@@ -18,10 +19,10 @@ use crate::drt::nonnegative;
 const PER_DECADE: f64 = 4.0;
 /// Fewest points that show a lag.
 const FEWEST: usize = 6;
-/// Lags that are tried, in intervals of the record: least, greatest, and steps between two intervals.
-const LEAST: f64 = -3.0;
-const GREATEST: f64 = 5.0;
-const STEPS: f64 = 10.0;
+/// Lags that are tried: intervals of the record, and s, of which the greater counts; as many in steps.
+const MOST_INTERVALS: f64 = 5.0;
+const MOST_S: f64 = 0.05;
+const TRIED: i32 = 100;
 /// Standard uncertainties by which the impedances contradict that there is no lag.
 const CERTAIN: f64 = 4.0;
 
@@ -60,10 +61,19 @@ impl Lag {
     pub(super) fn remove(&self, spectrum: &mut Spectrum) {
         for point in &mut spectrum.points {
             let by = Self::factor(self.kind, self.lag_s, point.freq_hz).inv();
-            let turned = TAU * point.freq_hz * self.sigma_s * point.z_ohm.norm();
             point.z_ohm *= by;
-            point.covariance = point.covariance.scaled(by)
-                + analysis_numeric::Covariance2::circular(0.5 * turned.powi(2));
+            // What a change of the lag by its uncertainty does, Ω.
+            let turn = Complex64::new(0.0, TAU * point.freq_hz * self.sigma_s);
+            let moved = match self.kind {
+                LagKind::Delay => turn * point.z_ohm,
+                LagKind::LowPass => turn * point.z_ohm * by,
+            };
+            let own = Covariance2 {
+                re_re: moved.re * moved.re,
+                re_im: moved.re * moved.im,
+                im_im: moved.im * moved.im,
+            };
+            point.covariance = point.covariance.scaled(by) + own;
         }
     }
 }
@@ -75,15 +85,15 @@ pub(super) fn lag<'a>(
     interval_s: f64,
 ) -> Option<Best> {
     let mean = mean(spectra)?;
-    let candidates = [(LagKind::Delay, LEAST), (LagKind::LowPass, 0.0)];
+    let most_s = MOST_S.max(MOST_INTERVALS * interval_s);
+    let candidates = [(LagKind::Delay, -TRIED), (LagKind::LowPass, 0)];
     let found = candidates.into_iter().filter_map(|(kind, from)| {
-        let lags: Vec<f64> = (0..=((GREATEST - from) * STEPS) as usize)
-            .map(|k| (from + k as f64 / STEPS) * interval_s)
+        let lags: Vec<f64> = (from..=TRIED)
+            .map(|k| most_s * f64::from(k) / f64::from(TRIED))
             .collect();
         best(&Train::new(&mean), kind, &lags)
     });
-    found
-        .min_by(|a, b| a.chi2.total_cmp(&b.chi2))
+    found.min_by(|a, b| a.chi2.total_cmp(&b.chi2))
 }
 
 /// The lags of a kind whose χ² is near the least.
@@ -112,7 +122,8 @@ fn best(train: &Train<'_>, kind: LagKind, lags: &[f64]) -> Option<Best> {
         .collect();
     let least = (0..all.len()).min_by(|a, b| all[*a].total_cmp(&all[*b]))?;
     let chi2 = all[least];
-    if !chi2.is_finite() {
+    // At the end of the lags that are tried it is not known.
+    if !chi2.is_finite() || least + 1 == all.len() || (least == 0 && lags[0] < 0.0) {
         return None;
     }
     // A sum that misses by more than the uncertainties makes the lag as much less certain.
@@ -219,7 +230,8 @@ impl<'a> Train<'a> {
         let scale = DVector::from_fn(columns, |c, _| matrix.column(c).norm().recip());
         let scaled = &matrix * DMatrix::from_diagonal(&scale);
         // A ridge far below the uncertainties keeps equal columns apart.
-        let normal = scaled.transpose() * &scaled + 1e-7 * DMatrix::<f64>::identity(columns, columns);
+        let normal =
+            scaled.transpose() * &scaled + 1e-7 * DMatrix::<f64>::identity(columns, columns);
         let solution = nonnegative::solve(&normal, &(scaled.transpose() * &right), &[])?;
         Some((scaled * solution.x - right).norm_squared())
     }

@@ -110,13 +110,14 @@ impl UsageRecord {
         Ok(())
     }
 
-    /// Returns the rows from `from` to before `to`.
     /// Returns the record with the current of a later time, s, in each row.
     pub(super) fn with_current_earlier(&self, lag_s: f64) -> Self {
         let at = |time_s: &f64| {
             let (times, values) = (&self.time_s, &self.current_a);
             let time_s = (time_s + lag_s).clamp(times[0], times[times.len() - 1]);
-            let after = times.partition_point(|t| *t < time_s).clamp(1, times.len() - 1);
+            let after = times
+                .partition_point(|t| *t < time_s)
+                .clamp(1, times.len() - 1);
             let share = (time_s - times[after - 1]) / (times[after] - times[after - 1]);
             values[after - 1] + share * (values[after] - values[after - 1])
         };
@@ -126,6 +127,7 @@ impl UsageRecord {
         }
     }
 
+    /// Returns the rows from `from` to before `to`.
     pub(super) fn part(&self, from: usize, to: usize) -> Self {
         let cell = |cell: &CellVoltage| CellVoltage {
             name: cell.name.clone(),

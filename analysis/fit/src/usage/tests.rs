@@ -150,7 +150,8 @@ fn a_lag_of_the_current_is_found_and_taken_out() {
         for point in &found.cells[0].spectrum.points {
             let truth = cell(1.0).impedance(point.freq_hz);
             let off = (point.z_ohm - truth).norm() / truth.norm();
-            let sigma = point.magnitude_sigma_ohm() / truth.norm();
+            let both = point.covariance.re_re + point.covariance.im_im;
+            let sigma = both.sqrt() / truth.norm();
             assert!(
                 off < 0.03 + 3.0 * sigma && sigma <= 0.12,
                 "{off} ± {sigma} at {} Hz behind {lag:?}",
@@ -162,12 +163,16 @@ fn a_lag_of_the_current_is_found_and_taken_out() {
 
 #[test]
 fn a_current_that_is_not_late_has_no_lag() {
-    for seed in 0..12 {
+    let lags = (0..12).filter_map(|seed| {
         let found = usage(&record(&[cell(1.0)], 300.0, &BMS, 30.0, seed)).unwrap();
-        let lag_s = found.lag.map_or(0.0, |lag| lag.lag_s);
-        // Half an interval: the load changes between the rows.
-        assert!(lag_s.abs() < 0.5 * BMS.interval_s, "{:?}", found.lag);
-    }
+        found.lag.map(|lag| lag.lag_s)
+    });
+    // The load changes between the rows, which looks like a small lag.
+    let lags: Vec<f64> = lags.collect();
+    assert!(
+        lags.iter().all(|lag_s| lag_s.abs() < 0.1 * BMS.interval_s),
+        "{lags:?}"
+    );
 }
 
 /// Noise of the current sensor lowers the impedance; where it is a tenth of the current's power or more,

@@ -72,7 +72,11 @@ pub fn usage(record: &UsageRecord) -> Result<Usage, UsageError> {
         left.remove(&mut cell.spectrum);
         cell.refuse_uncertain();
     }
-    if found.cells.iter().all(|cell| cell.spectrum.points.is_empty()) {
+    if found
+        .cells
+        .iter()
+        .all(|cell| cell.spectrum.points.is_empty())
+    {
         return Err(no_power(&found.cells));
     }
     found.lag = Some(lag);
@@ -128,7 +132,10 @@ fn no_power(cells: &[CellUsage]) -> UsageError {
 impl CellUsage {
     /// Refuses points whose uncertainty has become too great.
     fn refuse_uncertain(&mut self) {
-        let relative = |p: &ImpedancePoint| p.magnitude_sigma_ohm() / p.magnitude_ohm();
+        let relative = |p: &ImpedancePoint| {
+            let both = p.covariance.re_re + p.covariance.im_im;
+            both.sqrt() / p.magnitude_ohm()
+        };
         let points = std::mem::take(&mut self.spectrum.points);
         let (kept, refused) = points
             .into_iter()

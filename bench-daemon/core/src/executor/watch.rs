@@ -18,6 +18,10 @@ use bench_plan::{
 
 /// Standard deviations that random noise does not exceed in a night of readings.
 const CERTAIN: f64 = 5.0;
+/// Share of the time between two readings of a multisine by which it differs at most, and the factor
+/// whose multiples have well spread fractions.
+const SPREAD: f64 = 0.4;
+const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Number of instruments that drive a current, and the bath.
 const DRIVES: usize = 5;
 /// Longest search for a cause before everything is switched off: five instruments answer within
@@ -283,9 +287,26 @@ impl Rig<'_> {
             if left_s <= Seconds::ZERO {
                 return Ok(());
             }
-            self.clock.sleep_for(left_s.min(self.poll_s())).await;
+            let poll_s = self.spread_share() * self.poll_s();
+            self.clock.sleep_for(left_s.min(poll_s)).await;
             let reading = self.watch(phase, fixture).await?;
             self.watch_mean(reading, end_s - self.clock.now()).await?;
+        }
+    }
+
+    /// Returns the share of the time between two readings that passes until the next. Readings of a
+    /// multisine that are evenly apart can meet the same phase of it again and again, and then count a
+    /// charge that does not flow; a share that differs from reading to reading spreads the phases.
+    fn spread_share(&self) -> f64 {
+        let meets_phases = self
+            .interlock
+            .allowed_mean()
+            .is_some_and(|mean| mean.is_aliased());
+        if meets_phases {
+            // The fraction of an irrational multiple of the time in ms is as good as random.
+            1.0 - SPREAD * (GOLDEN * 1.0e3 * self.clock.now().value()).fract()
+        } else {
+            1.0
         }
     }
 

@@ -55,6 +55,11 @@ impl Mean {
         self.period_s >= FOLLOWED_S
     }
 
+    /// Checks whether readings a second apart meet the current at phases that nothing spreads.
+    pub fn is_aliased(&self) -> bool {
+        !self.followed() && self.amplitude_a.is_none()
+    }
+
     /// Returns half of the period, if two readings that far apart give the mean. Slower currents
     /// are followed reading by reading; faster ones change too much during a reading.
     pub fn pair_s(&self) -> Option<Seconds> {

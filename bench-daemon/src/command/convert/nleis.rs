@@ -46,8 +46,7 @@ fn text(points: &[HarmonicPoint]) -> String {
             continue;
         };
         let parts = |p: &HarmonicPoint| [p.z.re, p.z.im];
-        let sigmas =
-            |p: &HarmonicPoint| [p.covariance.re_re.sqrt(), p.covariance.im_im.sqrt()];
+        let sigmas = |p: &HarmonicPoint| [p.covariance.re_re.sqrt(), p.covariance.im_im.sqrt()];
         let numbers = [parts(first), parts(second), sigmas(first), sigmas(second)].concat();
         let fields: Vec<String> = numbers.iter().map(|v| format!("{v:e}")).collect();
         let _ = writeln!(text, "{},{}", second.freq_hz, fields.join(","));

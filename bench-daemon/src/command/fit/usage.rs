@@ -234,9 +234,13 @@ fn lag_in_words(lag: &Lag) -> String {
         ("voltages", "current")
     };
     format!(
-        "the {late} lags the {early} {as_what} {} ms ± {} ms: taken out of the impedances",
+        "the {late} lags the {early} {as_what} {} ms ± {} ms{}: taken out of the impedances",
         significant(1e3 * lag.lag_s.abs(), 3),
-        significant(1e3 * lag.sigma_s, 2)
+        significant(1e3 * lag.sigma_s, 2),
+        match lag.kind {
+            LagKind::Delay => "",
+            LagKind::LowPass => " (an inductance looks the same)",
+        }
     )
 }
 

@@ -16,7 +16,7 @@ fn at(freq_hz: f64, bias_a: f64) -> Point {
 }
 
 fn simulated(added: &[Added<'_>], at: &Point) -> [Complex64; 2] {
-    harmonics(&mut Player::default(), &base(), added, at)
+    harmonics(&base(), added, at)
 }
 
 /// Harmonics of the drop that a current makes at once, Ω.
@@ -87,7 +87,10 @@ fn a_slow_sine_shows_the_harmonics_of_the_law_of_charge_transfer() {
 #[test]
 fn a_linear_cell_has_the_harmonics_of_its_curve_alone() {
     let [second, third] = simulated(&[], &at(100.0, 0.0));
-    assert!(second.norm() < 1e-9 && third.norm() < 1e-9, "{second} {third}");
+    assert!(
+        second.norm() < 1e-9 && third.norm() < 1e-9,
+        "{second} {third}"
+    );
     let freq_hz = 2e-3;
     let base = base();
     let count = 20_000;
@@ -101,5 +104,61 @@ fn a_linear_cell_has_the_harmonics_of_its_curve_alone() {
     let expected = 2.0 / f64::from(count) * expected / AMPLITUDE_A;
     let [second, _] = simulated(&[], &at(freq_hz, 0.0));
     assert!(expected.norm() > 1e-5, "{expected}");
-    assert!((second - expected).norm() < 0.05 * expected.norm(), "{second} against {expected} Ω");
+    assert!(
+        (second - expected).norm() < 0.05 * expected.norm(),
+        "{second} against {expected} Ω"
+    );
+}
+
+/// A branch that is far slower than the periods sees the direct current alone, at which the law was
+/// left for 60 s.
+#[test]
+fn a_slow_branch_bends_at_the_direct_current_alone() {
+    let effect = super::super::find("butler_volmer").unwrap();
+    let (bias_a, freq_hz) = (10.0, 40.0);
+    let added = [Added {
+        effect,
+        p: &[0.04, 2.0],
+    }];
+    let branch = &base().erm.branches[2];
+    // About the direct current: v'' of C·dv/dt = i − sinh(βv/R)/β, twice integrated at ω.
+    let (beta, r_ohm) = (0.2, branch.r_ohm);
+    let omega = TAU * freq_hz;
+    let tau_s = branch.time_constant_s();
+    let first = AMPLITUDE_A * r_ohm / (omega * tau_s);
+    let exponent = f64::asinh(beta * bias_a);
+    let curve = beta / r_ohm * exponent.sinh() / r_ohm;
+    let second = 0.25 * curve * first * first * r_ohm / (2.0 * omega * tau_s) / AMPLITUDE_A;
+    let [found, _] = simulated(&added, &at(freq_hz, bias_a));
+    assert!(
+        (found.norm() / second - 1.0).abs() < 0.1,
+        "{found} against {second} Ω"
+    );
+}
+
+#[test]
+fn effects_of_the_bench_have_no_part() {
+    let own = ("butler_volmer", vec![0.04, 0.0]);
+    let added = |name: &str, p: &[f64]| {
+        let all = [
+            Added {
+                effect: super::super::find(own.0).unwrap(),
+                p: &own.1,
+            },
+            Added {
+                effect: super::super::find(name).unwrap(),
+                p,
+            },
+        ];
+        simulated(&all, &at(30.0, 5.0))
+    };
+    let alone = simulated(
+        &[Added {
+            effect: super::super::find(own.0).unwrap(),
+            p: &own.1,
+        }],
+        &at(30.0, 5.0),
+    );
+    assert_eq!(added("current_smoothing", &[0.01]), alone);
+    assert_eq!(added("current_offset", &[1.0]), alone);
 }

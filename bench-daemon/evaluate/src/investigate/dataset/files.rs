@@ -121,8 +121,23 @@ pub(super) fn sweep(spectrum: &Spectrum, bias_a: f64, amplitude_a: Option<f64>) 
     }
 }
 
-/// Returns the second and third harmonics of a sweep, by its number.
-pub(super) fn harmonics(rows: &[SweepHarmonic], number: usize) -> Vec<Harmonic> {
+/// Returns the second and third harmonics of a sweep, by its number; without those that state no
+/// uncertainty or no amplitude. `bias_a` is its direct current, charge positive.
+///
+/// # Errors
+/// Text if the sweep of this number has another direct current.
+pub(super) fn harmonics(
+    rows: &[SweepHarmonic],
+    number: usize,
+    bias_a: f64,
+) -> Result<Vec<Harmonic>, String> {
+    let own = || rows.iter().filter(|row| row.sweep == number);
+    if let Some(odd) = own().find(|row| (row.bias_a - bias_a).abs() > SAME_BIAS_A) {
+        return Err(format!(
+            "sweep {number}: expected harmonics under a direct current of {bias_a} A, found {} A",
+            odd.bias_a
+        ));
+    }
     let harmonic = |row: &SweepHarmonic| {
         let point = &row.point;
         // V/Aᵏ → Ω.
@@ -138,11 +153,16 @@ pub(super) fn harmonics(rows: &[SweepHarmonic], number: usize) -> Vec<Harmonic> 
             amplitude_a: point.amplitude_a,
         }
     };
-    rows.iter()
-        .filter(|row| row.sweep == number && matches!(row.point.order, 2 | 3))
+    let is_known = |h: &Harmonic| h.amplitude_a > 0.0 && h.sigma_ohm.0 > 0.0 && h.sigma_ohm.1 > 0.0;
+    Ok(own()
+        .filter(|row| matches!(row.point.order, 2 | 3))
         .map(harmonic)
-        .collect()
+        .filter(is_known)
+        .collect())
 }
+
+/// Greatest difference of two direct currents that count as one, A.
+const SAME_BIAS_A: f64 = 1e-6;
 
 /// Column of a record in time that states the standard deviation of each voltage.
 pub(super) const SIGMA_COLUMN: &str = "Voltage Standard Deviation / V";

@@ -124,7 +124,12 @@ impl Loaded {
                 continue;
             };
             let own = |one: &&(String, f64)| one.0 == run.repeat_group;
-            sweep.retain(|freq_hz| !lost.iter().filter(own).any(|(_, lost_hz)| *lost_hz == freq_hz));
+            sweep.retain(|freq_hz| {
+                !lost
+                    .iter()
+                    .filter(own)
+                    .any(|(_, lost_hz)| *lost_hz == freq_hz)
+            });
         }
         self.keep_common_harmonics();
         self.set
@@ -140,7 +145,11 @@ impl Loaded {
         });
         let mut common: BTreeMap<String, Vec<(u32, f64)>> = BTreeMap::new();
         for (group, sweep) in sweeps {
-            let own: Vec<(u32, f64)> = sweep.harmonics.iter().map(|h| (h.order, h.freq_hz)).collect();
+            let own: Vec<(u32, f64)> = sweep
+                .harmonics
+                .iter()
+                .map(|h| (h.order, h.freq_hz))
+                .collect();
             common
                 .entry(group.to_owned())
                 .and_modify(|all| all.retain(|one| own.contains(one)))
@@ -148,8 +157,17 @@ impl Loaded {
         }
         for run in &mut self.set.runs {
             if let RunData::Eis(sweep) = &mut run.data {
-                let all = &common[&run.repeat_group];
-                sweep.harmonics.retain(|h| all.contains(&(h.order, h.freq_hz)));
+                let (all, before) = (&common[&run.repeat_group], sweep.harmonics.len());
+                sweep
+                    .harmonics
+                    .retain(|h| all.contains(&(h.order, h.freq_hz)));
+                let lost = before - sweep.harmonics.len();
+                if lost > 0 {
+                    self.notes.push(format!(
+                        "{}: {lost} of {before} harmonics are left out, because a repeat lacks them",
+                        run.name
+                    ));
+                }
             }
         }
     }

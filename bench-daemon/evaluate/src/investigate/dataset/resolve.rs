@@ -433,13 +433,20 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigE
         let number = entry.harmonics_sweep.unwrap_or(1);
         let rows = read_harmonics(&at.source.relative(file))
             .map_err(|text| at.complain("harmonics", text))?;
-        sweep.harmonics = files::harmonics(&rows, number);
+        sweep.harmonics = files::harmonics(&rows, number, 0.0 - sweep.bias_a)
+            .map_err(|text| at.complain("harmonics", format!("{file}: {text}")))?;
         if sweep.harmonics.is_empty() {
             return Err(at.complain(
                 "harmonics_sweep",
                 format!("expected a sweep with harmonics of order 2 or 3 in {file}, found none of number {number}"),
             ));
         }
+    }
+    if entry.harmonics.is_none() && entry.harmonics_sweep.is_some() {
+        return Err(at.complain(
+            "harmonics_sweep",
+            "expected `harmonics` beside it, found none",
+        ));
     }
     let from_hz = at.positive("from_hz", entry.from_hz)?.unwrap_or(0.0);
     let to_hz = at.positive("to_hz", entry.to_hz)?.unwrap_or(f64::INFINITY);

@@ -11,8 +11,8 @@ use analysis::{
     dataset::{RunIndex, SweepEntry, TraceEntry, TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
     run_folder::{
-        CONFIG, EVENTS, Event, EventRow, HARMONICS, INDEX, MANIFEST, READINGS, ReadingRow, SPECTRUM,
-        SweepHarmonic, read_harmonics,
+        CONFIG, EVENTS, Event, EventRow, HARMONICS, INDEX, MANIFEST, READINGS, ReadingRow,
+        SPECTRUM, SweepHarmonic, read_harmonics,
     },
     series::TimeSeries,
     spectrum::FlaggedPoint,
@@ -30,6 +30,8 @@ use bench_plan::config::ConfigError;
 /// Standard deviation of a voltage that was not measured, V: an offset of the supply can move it
 /// by this amount.
 const UNSEEN_V: f64 = 3e-3;
+/// First word of the groups of multisines.
+const MULTISINE: &str = "multisine";
 /// Assumed temperature of a run without a thermometer, °C.
 const ROOM_C: f64 = 25.0;
 
@@ -191,7 +193,10 @@ impl Reader<'_> {
                 ));
             }
         };
-        self.swept += usize::from(matches!(fixture, Fixture::Cell(_)));
+        // Multisines have no number among the sweeps.
+        let is_sweep =
+            matches!(fixture, Fixture::Cell(_)) && !entry.repeat_group.starts_with(MULTISINE);
+        self.swept += usize::from(is_sweep);
         if !entry.corrected {
             self.note(format!(
                 "{name}: its harness was not corrected by control impedances"
@@ -235,8 +240,9 @@ impl Reader<'_> {
                 let charges = entry.conditions.iter().map(|at| at.charge_coulomb);
                 sweep.charge_coulomb = charges.collect();
             }
-            if matches!(fixture, Fixture::Cell(_)) {
-                sweep.harmonics = files::harmonics(&self.harmonics, self.swept);
+            if is_sweep {
+                sweep.harmonics = files::harmonics(&self.harmonics, self.swept, entry.bias_a)
+                    .map_err(|text| unreadable(&self.folder.join(HARMONICS), &text))?;
             }
             if self.loaded.set.calibration.is_some()
                 && sweep.points.len() == entry.own_sigma_ohm.len()

@@ -5,8 +5,8 @@ use analysis::{
     calibration::CommonError,
     contract::CommonModeImpedance,
     diagnosis::{
-        BenchHistory, DataSet, FindingKind, Fixture, Harmonic, Role, Run, RunData, Start, Sweep, SweepPoint,
-        TimeRecord,
+        BenchHistory, DataSet, FindingKind, Fixture, Harmonic, Role, Run, RunData, Start, Sweep,
+        SweepPoint, TimeRecord,
     },
     series::TimeSeries,
 };
@@ -374,7 +374,7 @@ fn a_damaged_file_is_a_problem_and_not_an_error() {
 #[test]
 fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
     let series = TimeSeries {
-        name: "02_a_pulse__20_A.bdf.csv".to_owned(),
+        name: "03_a_pulse__20_A.bdf.csv".to_owned(),
         time_s: vec![0.0, 0.1, 1.0 / 3.0],
         current_a: vec![0.0, 20.0, -1.0 / 3.0],
         voltage_v: vec![3.7, 3.5, 3.600_000_1],
@@ -665,5 +665,56 @@ fn what_is_not_a_data_set_is_reported_as_such() {
     assert!(
         message.starts_with("no such folder/manifest.json: cannot be read"),
         "{message}"
+    );
+}
+
+/// Harmonics are numbered by the sweeps of the cell; a multisine between them has no number.
+#[test]
+fn harmonics_of_a_run_belong_to_its_sweeps() {
+    let entry = |file: &str, group: &str, bias_a: f64| {
+        format!(
+            "{{\"file\": {file:?}, \"fixture\": \"cell\", \"fixture_ohm\": null, \"corrected\": true,
+            \"amplitude_a\": 1.0, \"bias_a\": {bias_a}, \"repeat\": 1, \"order\": 0, \"start_time_s\": 0.0,
+            \"start_ocv_v\": 3.7, \"temperature_c\": 25.0, \"role\": \"train\", \"repeat_group\": {group:?}}}"
+        )
+    };
+    let index = format!(
+        "{{\"cell\": \"P45B\", \"capacity_c\": 16200.0, \"sweeps\": [{}, {}, {}], \"traces\": []}}",
+        entry("spectrum.csv", "rest", 0.0),
+        entry("multi.csv", "multisine", 0.0),
+        entry("biased.csv", "biased", -2.0)
+    );
+    let harmonics = |bias_a: f64| {
+        let head = analysis::run_folder::HARMONIC_COLUMNS;
+        format!(
+            "{head}\n1,0,1,1,2,2e-6,0,1e-7,1e-7,0,V/A2\n2,{bias_a},2,1,2,4e-6,0,1e-7,1e-7,0,V/A2\n\
+            2,{bias_a},2,2,3,0,0,0,0,0,V/A3\n"
+        )
+    };
+    let read = |bias_a: f64| {
+        let folder = run_folder(&[
+            ("multi.csv", SPECTRUM),
+            ("biased.csv", SPECTRUM),
+            ("traces.json", &index),
+            ("harmonics.csv", &harmonics(bias_a)),
+        ]);
+        read_dataset(folder.path())
+    };
+    let loaded = read(-2.0).unwrap();
+    let found: Vec<Vec<(u32, f64)>> = loaded
+        .set
+        .runs
+        .iter()
+        .map(|run| {
+            let harmonics = points(run).harmonics.iter();
+            harmonics.map(|h| (h.order, h.z_ohm.re)).collect()
+        })
+        .collect();
+    // V/A² times 2 A; what has no uncertainty is left out.
+    assert_eq!(found, [vec![(2, 2e-6)], vec![], vec![(2, 8e-6)]]);
+    let error = read(5.0).unwrap_err().to_string();
+    assert!(
+        error.contains("direct current of -2 A, found 5 A"),
+        "{error}"
     );
 }
