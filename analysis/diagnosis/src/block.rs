@@ -130,12 +130,21 @@ fn of_sweep(
             ));
         }
     }
+    // A charge that was brought back, or none: how long is not known.
+    let held_s = |by_charge_s: f64| {
+        if by_charge_s.is_finite() && by_charge_s > 0.0 {
+            by_charge_s
+        } else {
+            Point::HELD_S
+        }
+    };
     let point = |(k, p): (usize, &SweepPoint)| {
         let charge_coulomb = sweep.charge_coulomb.get(k).copied().unwrap_or(0.0);
         Point {
             freq_hz: p.freq_hz,
             amplitude_a: p.amplitude_a,
             bias_a: sweep.bias_a,
+            held_s: held_s(-charge_coulomb / sweep.bias_a),
             soc: at.soc + charge_coulomb / (3600.0 * ocv.capacity_ah),
             start_s: at.start_s + sweep.elapsed_s.get(k).copied().unwrap_or(0.0),
             ..at
@@ -219,6 +228,7 @@ impl Block {
             freq_hz: f64::NAN,
             amplitude_a: None,
             bias_a: 0.0,
+            held_s: Point::HELD_S,
             soc,
             temperature_degc: run.temperature_degc,
             order: f64::from(run.order),

@@ -16,9 +16,7 @@ const PERIODS: usize = 6;
 const EVALUATED: usize = 2;
 /// Steps of a period.
 const STEPS: usize = 48;
-/// Time for which a direct current flows before the sine, s, and its steps, each twice as long as
-/// the one before.
-const HELD_S: f64 = 60.0;
+/// Steps of the direct current before the sine, each twice as long as the one before.
 const HELD_STEPS: usize = 14;
 /// Duration of the step from the direct current to the sine, s.
 const STEP_S: f64 = 1e-6;
@@ -93,7 +91,7 @@ impl Sine {
         };
         let mut begin_s = 0.0;
         if at.bias_a != 0.0 {
-            let mut step_s = HELD_S / ((1u32 << HELD_STEPS) - 1) as f64;
+            let mut step_s = at.held_s / ((1u32 << HELD_STEPS) - 1) as f64;
             for _ in 0..HELD_STEPS {
                 sine.push(begin_s, at.bias_a);
                 begin_s += step_s;

@@ -86,6 +86,8 @@ pub struct Point {
     pub amplitude_a: Option<f64>,
     /// Direct current under the sweep, A, discharge positive.
     pub bias_a: f64,
+    /// Time for which the direct current has flowed, s; [`Point::HELD_S`] where it is not known.
+    pub held_s: f64,
     /// SOC of the run.
     pub soc: f64,
     /// Temperature of the run, °C.
@@ -109,6 +111,11 @@ pub struct CommonModeImpedance {
     pub r_ohm: f64,
     /// Inductance, H.
     pub l_h: f64,
+}
+
+impl Point {
+    /// Time for which a direct current has flowed where it is not known, s.
+    pub const HELD_S: f64 = 60.0;
 }
 
 impl CommonModeImpedance {

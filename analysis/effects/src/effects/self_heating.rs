@@ -1,9 +1,11 @@
 //! Joule heat warms the cell, warmth lowers its resistance.
 
 use crate::contract::{
-    Base, Card, Dynamics, Effect, Equation, Group, Instant, Modulation, Parameter, Range, Record,
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Modulation, Parameter, Point, Range,
+    Record,
 };
 use analysis_model::map::ZERO_DEGC_K;
+use num_complex::Complex64;
 
 static CARD: Card = Card {
     name: "self_heating",
@@ -14,8 +16,9 @@ static CARD: Card = Card {
     state_equation: "C·dΔT/dt = P − ΔT/R_th, P the power in the resistances, R = \
     R_ref·exp(−κ·ΔT/(1 + ΔT/T)); with the heat kept h = C·ΔT: dh/dt = P − h/τ; g = κ/C in 1/J, τ = \
     R_th·C in s; C is taken as 14.8 J/K per Ah for 1 + ΔT/T",
-    impedance: "none: at another temperature R·exp(−κ(T − T_ref)), but g = κ/C does not give κ \
-    alone, so that the start temperature of a run is left out",
+    impedance: "under a direct current I that has flowed for t, all R with the heat \
+    I²·R·τ·(1 − exp(−t/τ)); at rest none: g = κ/C does not give κ alone, so that the start \
+    temperature of a run is left out",
     source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, without the \
     reversible term; Arrhenius: 1/T − 1/(T + ΔT) = ΔT/T²/(1 + ΔT/T)",
     signature: "resistance falls with the heat received, the same for both signs, lasts for \
@@ -64,6 +67,20 @@ impl Effect for SelfHeating {
         ]
     }
 
+    fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
+        if !at.is_cell || at.bias_a == 0.0 {
+            return z_ohm;
+        }
+        let power_w = at.bias_a.powi(2) * base.erm.dc_resistance_ohm();
+        let heat = Heat {
+            g_per_j: p[0],
+            tau_s: p[1],
+            bend_per_j: bend_per_j(base, at.temperature_degc),
+            heat_j: -power_w * p[1] * (-at.held_s / p[1]).exp_m1(),
+        };
+        z_ohm + Modulation::all(heat.factor()).change_ohm(&base.erm, at.freq_hz)
+    }
+
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
         Some(Box::new(Heat {
             g_per_j: p[0],
@@ -96,9 +113,16 @@ struct Heat {
     heat_j: f64,
 }
 
+impl Heat {
+    /// Factor on all resistances.
+    fn factor(&self) -> f64 {
+        (-self.g_per_j * self.heat_j / (1.0 + self.bend_per_j * self.heat_j)).exp()
+    }
+}
+
 impl Dynamics for Heat {
     fn modulation(&self, _at: &Instant) -> Modulation {
-        Modulation::all((-self.g_per_j * self.heat_j / (1.0 + self.bend_per_j * self.heat_j)).exp())
+        Modulation::all(self.factor())
     }
 
     fn asks_heat(&self) -> bool {

@@ -86,6 +86,7 @@ fn point(freq_hz: f64, is_cell: bool) -> Point {
         freq_hz,
         amplitude_a: Some(1.0),
         bias_a: 0.0,
+        held_s: Point::HELD_S,
         soc: 0.5,
         temperature_degc: 25.0,
         order: 0.0,

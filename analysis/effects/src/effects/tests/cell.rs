@@ -632,3 +632,57 @@ fn a_layer_leaves_three_percent_of_spheres() {
         "{three} {four}"
     );
 }
+
+/// Six periods of a sine on a direct current that has warmed the cell for ten minutes.
+#[test]
+fn a_direct_current_warms_the_cell_of_a_sweep() {
+    let (freq_hz, amplitude_a, bias_a, held_s) = (0.5, 1.0, 20.0, 600.0);
+    let p = [0.01, 900.0];
+    let mut time_s: Vec<f64> = (0..600).map(f64::from).collect();
+    let mut current_a = vec![bias_a; time_s.len()];
+    let per_period = 400;
+    for k in 0..6 * per_period {
+        let since_s = f64::from(k) / f64::from(per_period) / freq_hz;
+        time_s.push(held_s + since_s);
+        current_a.push(bias_a + amplitude_a * (TAU * freq_hz * since_s).cos());
+    }
+    let trace = Trace { time_s, current_a };
+    let record = trace.record(0.9, 0.0);
+    let added = [Added {
+        effect: super::super::find("self_heating").unwrap(),
+        p: &p,
+    }];
+    let (with, without) = (
+        play(&added, &record, Between::Linear, 1),
+        play(&[], &record, Between::Linear, 1),
+    );
+    // Whole periods at the end, without the slow course.
+    let first = trace.time_s.len() - 4 * per_period as usize;
+    let count = trace.time_s.len() - first;
+    let bent: Vec<f64> = (first..trace.time_s.len())
+        .map(|k| without[k] - with[k])
+        .collect();
+    let slope = (bent[count - 1] - bent[count - 1 - 2 * per_period as usize])
+        / (2.0 * f64::from(per_period));
+    let sum: Complex64 = bent
+        .iter()
+        .enumerate()
+        .map(|(k, v)| {
+            (v - slope * k as f64)
+                * Complex64::cis(-TAU * freq_hz * (trace.time_s[first + k] - held_s))
+        })
+        .sum();
+    let met = 2.0 / count as f64 * sum / amplitude_a;
+    let at = Point {
+        amplitude_a: Some(amplitude_a),
+        bias_a,
+        held_s: held_s + 8.0,
+        ..point(freq_hz)
+    };
+    let expected = seen("self_heating", &p, &at) - plain(&at);
+    assert!(expected.norm() > 1e-4, "{expected} Ω");
+    assert!(
+        (met - expected).norm() < 0.1 * expected.norm(),
+        "{met} against {expected} Ω"
+    );
+}

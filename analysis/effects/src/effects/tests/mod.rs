@@ -162,6 +162,7 @@ fn point(freq_hz: f64) -> Point {
         freq_hz,
         amplitude_a: Some(0.0),
         bias_a: 0.0,
+        held_s: Point::HELD_S,
         soc: facts.soc,
         temperature_degc: facts.temperature_degc,
         order: 0.0,
