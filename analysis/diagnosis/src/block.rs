@@ -15,9 +15,6 @@ use analysis_effects::{
 use analysis_model::ocv::OcvCurve;
 use num_complex::Complex64;
 
-/// Greatest relative difference of two frequencies that count as one.
-const SAME_FREQUENCY: f64 = 1e-6;
-
 /// One run as the fit sees it.
 #[derive(Debug, Clone)]
 pub(super) struct Block {
@@ -165,7 +162,7 @@ fn of_sweep(
         return Err(("harmonics of a cell", "those of a control".to_owned()));
     }
     let harmonic = |h: &Harmonic| {
-        let is_near = |p: &&Point| (p.freq_hz / h.freq_hz - 1.0).abs() < SAME_FREQUENCY;
+        let is_own = |p: &&Point| p.freq_hz == h.freq_hz;
         let sigma_is_sound = h.sigma_ohm.0 > 0.0 && h.sigma_ohm.1 > 0.0;
         if !(matches!(h.order, 2 | 3) && h.amplitude_a > 0.0 && sigma_is_sound) {
             return Err((
@@ -173,7 +170,7 @@ fn of_sweep(
                 format!("{h:?}"),
             ));
         }
-        let of_point = points.iter().find(is_near).ok_or_else(|| {
+        let of_point = points.iter().find(is_own).ok_or_else(|| {
             let met = format!("none at {} Hz", h.freq_hz);
             ("a point of the spectrum for each harmonic", met)
         })?;
@@ -548,6 +545,117 @@ mod tests {
             f if f < 21.0 => 3.7 - 9.0 * (R_OHM + r_ohm * (1.0 - mean(from_s - 1.0, to_s - 1.0))),
             _ => 3.7 - 9.0 * r_ohm * (1.0 - decay(20.0)) * mean(from_s - 21.0, to_s - 21.0),
         }
+    }
+
+    fn swept(bias_a: f64, charge_coulomb: Vec<f64>) -> Sweep {
+        let point = |freq_hz: f64| SweepPoint {
+            freq_hz,
+            z_ohm: Complex64::new(0.01 / freq_hz, -0.001),
+            sigma_ohm: None,
+            amplitude_a: Some(1.0),
+        };
+        let harmonic = |freq_hz: f64, order: u32| Harmonic {
+            freq_hz,
+            order,
+            z_ohm: Complex64::new(1e-5, 2e-5),
+            sigma_ohm: (1e-6, 1e-6),
+            amplitude_a: 2.0,
+        };
+        Sweep {
+            bias_a,
+            common_mode: CommonModeImpedance::default(),
+            elapsed_s: Vec::new(),
+            charge_coulomb,
+            points: vec![point(1.0), point(10.0)],
+            harmonics: vec![harmonic(10.0, 2), harmonic(1.0, 3)],
+        }
+    }
+
+    fn base() -> Base {
+        Base {
+            erm: Erm {
+                r_ohm: R_OHM,
+                branches: Vec::new(),
+            },
+            ocv: OcvCurve::monotone(1.0, vec![0.0, 1.0], vec![3.0, 4.0]).unwrap(),
+            facts: Facts::NONE,
+        }
+    }
+
+    fn block_of(sweep: Sweep) -> Result<Block, DataSetError> {
+        let run = Run {
+            name: "s".to_owned(),
+            fixture: Fixture::Cell("cell".to_owned()),
+            role: Role::Train,
+            repeat_group: "s".to_owned(),
+            order: 0,
+            start_s: 0.0,
+            temperature_degc: 25.0,
+            start: Start::Soc(0.5),
+            data: RunData::Eis(sweep),
+        };
+        Block::new(&run, &base(), 0.0)
+    }
+
+    /// A discharge of 2 A takes 36 and 72 C of 3600 C out: 18 and 36 s.
+    #[test]
+    fn points_under_a_direct_current_have_their_charge_and_its_duration() {
+        let block = block_of(swept(2.0, vec![-36.0, -72.0])).unwrap();
+        let Kind::Eis {
+            points, harmonics, ..
+        } = &block.kind
+        else {
+            unreachable!()
+        };
+        let found: Vec<(f64, f64)> = points.iter().map(|p| (p.soc, p.held_s)).collect();
+        assert_eq!(found, [(0.49, 18.0), (0.48, 36.0)]);
+        // Each harmonic belongs to the point of its frequency.
+        assert_eq!((harmonics[0].at.soc, harmonics[1].at.soc), (0.48, 0.49));
+        assert_eq!(harmonics[0].at.amplitude_a, Some(2.0));
+        // Rows: two points, then the harmonics of 10 Hz and of 1 Hz.
+        let sizes: Vec<f64> = (0..8).map(|row| block.impedance_ohm(row)).collect();
+        let [slow, fast] = [0.01_f64.hypot(0.001), 0.001_f64.hypot(0.001)];
+        assert_eq!(sizes, [slow, slow, fast, fast, fast, fast, slow, slow]);
+        let mut predicted = Vec::new();
+        let base = base();
+        let model = Model::new(&base, &[]);
+        block.predict(&model, 1, &mut Workspace::default(), &mut predicted);
+        assert_eq!(predicted.len(), block.rows());
+        // A straight curve and a resistance have no harmonics.
+        assert!(
+            predicted[4..].iter().all(|v| v.abs() < 1e-9),
+            "{predicted:?}"
+        );
+        let rest = block_of(swept(0.0, Vec::new())).unwrap();
+        let Kind::Eis { points, .. } = &rest.kind else {
+            unreachable!()
+        };
+        assert_eq!((points[0].soc, points[0].held_s), (0.5, Point::HELD_S));
+    }
+
+    #[test]
+    fn sweeps_that_cannot_be_are_refused() {
+        let message = |sweep: Sweep| block_of(sweep).unwrap_err().to_string();
+        let far = message(swept(2.0, vec![-36.0, -3000.0]));
+        assert!(
+            far.contains("a state of charge from 0 to 1, met -0.333 at 10 Hz"),
+            "{far}"
+        );
+        let few = message(swept(2.0, vec![-36.0]));
+        assert!(
+            few.contains("a charge for each point, met 1 for 2 points"),
+            "{few}"
+        );
+        let mut alone = swept(0.0, Vec::new());
+        alone.harmonics[0].freq_hz = 3.0;
+        let text = message(alone);
+        assert!(
+            text.contains("a point of the spectrum for each harmonic, met none at 3 Hz"),
+            "{text}"
+        );
+        let mut fourth = swept(0.0, Vec::new());
+        fourth.harmonics[0].order = 4;
+        assert!(message(fourth).contains("harmonics of order 2 or 3"));
     }
 
     /// A record of means as the bench logs them is predicted as such, to less than its noise.

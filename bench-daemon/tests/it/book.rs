@@ -602,6 +602,8 @@ const NOT_PLAYED: [NotPlayed; 10] = [
             "attacks.md: cargo bench --profile dev -p bench-daemon --bench attacks -- --out attacks.md",
             "coverage.md: cargo bench --profile dev -p bench-daemon --bench coverage -- demo --drawn \
              --seeds 100 --from 1 --out FOLDER",
+            "coverage.md: EIS_BENCH_SEEDS=100 cargo test -p bench-daemon --test it \
+             the_uncertainty_of_a_point -- --ignored --nocapture",
             "speed.md: python3 -m venv benches/peers/.venv \
              && benches/peers/.venv/bin/pip install -r benches/peers/requirements.txt",
             "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",

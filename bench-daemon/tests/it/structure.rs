@@ -649,7 +649,7 @@ fn what_acts_in_the_daemon_has_few_fields() {
 /// The module that alone holds numbers of the diagnosis that decide something.
 const REGISTRY: &str = "thresholds";
 /// Constants of the diagnosis that decide nothing, or whole modules of them, with the reason.
-const NO_THRESHOLDS: [(&str, &str); 27] = [
+const NO_THRESHOLDS: [(&str, &str); 28] = [
     ("consistency::STEP", "step of a derivative"),
     ("current_filter::LASTING_ROWS", "a count"),
     (
@@ -676,6 +676,7 @@ const NO_THRESHOLDS: [(&str, &str); 27] = [
     ("report", "layout of pages and pictures"),
     ("shared::CHANNELS", "a count"),
     ("shared::OWN", "length of a list"),
+    ("shared::DISTORTION", "place in a list"),
     ("stepped", "steps of a solver"),
     ("structure::LONGEST_LOG", "longest step of a solver"),
     ("structure::LONGEST_PART", "longest step of a solver"),

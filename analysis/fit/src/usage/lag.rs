@@ -80,10 +80,7 @@ impl Lag {
 
 /// Returns the lag with which the spectra of all cells fit best; `None` if they have too few
 /// frequencies.
-pub(super) fn lag<'a>(
-    spectra: impl Iterator<Item = &'a Spectrum> + Clone,
-    interval_s: f64,
-) -> Option<Best> {
+pub(super) fn lag(spectra: &[&Spectrum], interval_s: f64) -> Option<Best> {
     let mean = mean(spectra)?;
     let most_s = MOST_S.max(MOST_INTERVALS * interval_s);
     let candidates = [(LagKind::Delay, -TRIED), (LagKind::LowPass, 0)];
@@ -158,18 +155,17 @@ fn best(train: &Train<'_>, kind: LagKind, lags: &[f64]) -> Option<Best> {
 }
 
 /// Mean of the spectra at the frequencies that all have; the uncertainty is that of one.
-fn mean<'a>(spectra: impl Iterator<Item = &'a Spectrum> + Clone) -> Option<Vec<ImpedancePoint>> {
-    let first = spectra.clone().next()?;
-    let count = spectra.clone().count() as f64;
+fn mean(spectra: &[&Spectrum]) -> Option<Vec<ImpedancePoint>> {
+    let first = spectra.first()?;
     let of = |point: &ImpedancePoint| {
-        let each = spectra.clone().map(|one| {
+        let each = spectra.iter().map(|one| {
             let points = one.points.iter();
             let mut same = points.filter(|p| (p.freq_hz / point.freq_hz - 1.0).abs() < 1e-6);
             same.next().map(|p| p.z_ohm)
         });
         let sum: Option<Complex64> = each.sum();
         Some(ImpedancePoint {
-            z_ohm: sum? / count,
+            z_ohm: sum? / spectra.len() as f64,
             ..*point
         })
     };

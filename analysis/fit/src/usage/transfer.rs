@@ -48,8 +48,8 @@ pub fn usage(record: &UsageRecord) -> Result<Usage, UsageError> {
     record.check()?;
     let found = shown(record)?;
     let lag_of = |found: &Usage| {
-        let spectra = found.cells.iter().map(|cell| &cell.spectrum);
-        lag(spectra, found.interval_s)
+        let spectra: Vec<&Spectrum> = found.cells.iter().map(|cell| &cell.spectrum).collect();
+        lag(&spectra, found.interval_s)
     };
     let Some(Best { mut lag, .. }) = lag_of(&found).filter(Best::is_certain) else {
         return Ok(found);

@@ -191,7 +191,7 @@ pub(super) struct Run {
     pub(super) charge_coulomb: Option<Vec<f64>>,
     /// Path of a table of harmonics as runs write it, `harmonics.csv`, from the folder of this
     /// file. Left out: none.
-    pub(super) harmonics: Option<String>,
+    pub(super) harmonics_file: Option<String>,
     /// Number of the sweep in the table of harmonics. Left out: 1.
     pub(super) harmonics_sweep: Option<usize>,
     /// Amplitude of a sweep, A, above 0. Left out: from the file, otherwise unknown.

@@ -429,12 +429,12 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigE
             ));
         }
     }
-    if let Some(file) = &entry.harmonics {
+    if let Some(file) = &entry.harmonics_file {
         let number = entry.harmonics_sweep.unwrap_or(1);
         let rows = read_harmonics(&at.source.relative(file))
-            .map_err(|text| at.complain("harmonics", text))?;
+            .map_err(|text| at.complain("harmonics_file", text))?;
         sweep.harmonics = files::harmonics(&rows, number, 0.0 - sweep.bias_a)
-            .map_err(|text| at.complain("harmonics", format!("{file}: {text}")))?;
+            .map_err(|text| at.complain("harmonics_file", format!("{file}: {text}")))?;
         if sweep.harmonics.is_empty() {
             return Err(at.complain(
                 "harmonics_sweep",
@@ -442,10 +442,10 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigE
             ));
         }
     }
-    if entry.harmonics.is_none() && entry.harmonics_sweep.is_some() {
+    if entry.harmonics_file.is_none() && entry.harmonics_sweep.is_some() {
         return Err(at.complain(
             "harmonics_sweep",
-            "expected `harmonics` beside it, found none",
+            "expected `harmonics_file` beside it, found none",
         ));
     }
     let from_hz = at.positive("from_hz", entry.from_hz)?.unwrap_or(0.0);
@@ -589,7 +589,7 @@ impl At<'_> {
                     ("below_h", entry.below_h.is_some()),
                     ("elapsed_s", entry.elapsed_s.is_some()),
                     ("charge_c", entry.charge_coulomb.is_some()),
-                    ("harmonics", entry.harmonics.is_some()),
+                    ("harmonics_file", entry.harmonics_file.is_some()),
                     ("harmonics_sweep", entry.harmonics_sweep.is_some()),
                     ("from_hz", entry.from_hz.is_some()),
                     ("to_hz", entry.to_hz.is_some()),

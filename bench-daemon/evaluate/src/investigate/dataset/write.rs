@@ -112,7 +112,7 @@ fn entry(run: &Run, file: &str, harmonics: Option<&str>) -> String {
             ];
             let moved = &sweep.charge_coulomb;
             fields.extend((!moved.is_empty()).then(|| ("charge_c", json!(moved))));
-            fields.extend(harmonics.map(|file| ("harmonics", json!(file))));
+            fields.extend(harmonics.map(|file| ("harmonics_file", json!(file))));
             ("eis", fields)
         }
     };
