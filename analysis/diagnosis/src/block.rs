@@ -582,8 +582,9 @@ mod tests {
         }
     }
 
-    fn block_of(sweep: Sweep) -> Result<Block, DataSetError> {
-        let run = Run {
+    /// Returns a run that starts at half of the charge.
+    fn run_of(data: RunData) -> Run {
+        Run {
             name: "s".to_owned(),
             fixture: Fixture::Cell("cell".to_owned()),
             role: Role::Train,
@@ -592,9 +593,12 @@ mod tests {
             start_s: 0.0,
             temperature_degc: 25.0,
             start: Start::Soc(0.5),
-            data: RunData::Eis(sweep),
-        };
-        Block::new(&run, &base(), 0.0)
+            data,
+        }
+    }
+
+    fn block_of(sweep: Sweep) -> Result<Block, DataSetError> {
+        Block::new(&run_of(RunData::Eis(sweep)), &base(), 0.0)
     }
 
     /// A discharge of 2 A takes 36 and 72 C of 3600 C out: 18 and 36 s.
@@ -716,17 +720,7 @@ mod tests {
                 averaged_s,
                 current_errors_a: Vec::new(),
             });
-            let run = Run {
-                name: "s".to_owned(),
-                fixture: Fixture::Cell("cell".to_owned()),
-                role: Role::Train,
-                repeat_group: "s".to_owned(),
-                order: 0,
-                start_s: 0.0,
-                temperature_degc: 25.0,
-                start: Start::Soc(0.5),
-                data,
-            };
+            let run = run_of(data);
             let (block, mut workspace) =
                 (Block::new(&run, &base, 0.0).unwrap(), Workspace::default());
             let Kind::Time(time) = &block.kind else {

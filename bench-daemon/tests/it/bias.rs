@@ -592,7 +592,7 @@ fn the_uncertainty_of_a_point_under_a_direct_current_covers_the_truth() {
             1e-4 * freq as f64,
             100.0 * share
         );
-        // 90 %, less three standard deviations of so many.
+        // 90 %, less three standard deviations of that number.
         let least = 0.9 - 3.0 * (0.09 / all as f64).sqrt();
         assert!(share >= least, "{bias_a} A, {freq}: {within} of {all}");
         let [sum, total] = by_current.entry(bias_a).or_default();

@@ -4,7 +4,7 @@
 //! current. Their difference is what bends: it starts at zero, so that no transient of a slow branch
 //! leaks into the harmonics.
 
-use std::f64::consts::TAU;
+use std::{f64::consts::TAU, sync::LazyLock};
 
 use num_complex::Complex64;
 
@@ -22,8 +22,6 @@ const HELD_STEPS: usize = 14;
 const STEP_S: f64 = 1e-6;
 /// Evaluated samples.
 const SAMPLES: usize = EVALUATED * STEPS;
-/// Functions that the fit removes or finds: a parabola, and sine and cosine of three orders.
-const FUNCTIONS: usize = 9;
 
 /// One harmonic of a point of a spectrum.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,7 +71,7 @@ pub fn harmonics(base: &Base, added: &[Added<'_>], at: &Point) -> [Complex64; 2]
         .map(|(bent, linear)| bent + linear)
         .collect();
     // A discharge current is the negative of a charge current: odd orders change their sign.
-    let [second, third] = tones(&bent_v);
+    let [second, third] = BASIS.phasors(&bent_v);
     [second / amplitude_a, -third / amplitude_a]
 }
 
@@ -101,16 +99,13 @@ impl Sine {
             sine.push(begin_s - STEP_S, at.bias_a);
         }
         let step_s = (STEPS as f64 * at.freq_hz).recip();
-        for k in 0..=PERIODS * STEPS {
+        for k in 0..PERIODS * STEPS {
             let turn = TAU * (k % STEPS) as f64 / STEPS as f64;
             sine.push(
                 begin_s + k as f64 * step_s,
                 at.bias_a + amplitude_a * turn.cos(),
             );
         }
-        // The last period ends with its last step.
-        sine.time_s.pop();
-        sine.current_a.pop();
         sine
     }
 
@@ -154,45 +149,63 @@ fn small_signal(network: &Network, sine: &Sine) -> Vec<f64> {
     dropped_v
 }
 
-/// Returns the phasors of the second and third order in whole periods, with a parabola and the
-/// fundamental beside them.
-fn tones(samples: &[f64]) -> [Complex64; 2] {
-    // Tones over whole periods are orthogonal to each other, not to the parabola: Gram–Schmidt takes
-    // the functions in this order.
-    let x = |k: usize| 2.0 * (k as f64 + 0.5) / SAMPLES as f64 - 1.0;
-    let turn = |k: usize, order: usize| TAU * ((k * order) % STEPS) as f64 / STEPS as f64;
-    let function = |j: usize, k: usize| match j {
-        0 => 1.0,
-        1 | 3 | 5 => turn(k, j.div_ceil(2)).cos(),
-        2 | 4 | 6 => turn(k, j / 2).sin(),
-        7 => x(k),
-        _ => x(k) * x(k),
-    };
-    let columns: [Vec<f64>; FUNCTIONS] =
-        std::array::from_fn(|j| (0..SAMPLES).map(|k| function(j, k)).collect());
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    // What is left of the two last functions beside the tones finds the parabola; it is removed before
-    // the tones are read.
-    let mut rest = samples.to_vec();
-    let mut bent: Vec<Vec<f64>> = Vec::new();
-    for column in &columns[7..] {
-        let mut own = column.clone();
-        for tone in columns[..7].iter().chain(&bent) {
-            let part = dot(&own, tone) / dot(tone, tone);
-            own.iter_mut().zip(tone).for_each(|(o, t)| *o -= part * t);
+/// The functions of the evaluated samples, the same for every sine.
+static BASIS: LazyLock<Basis> = LazyLock::new(Basis::new);
+
+/// A constant, sines and cosines of three orders, and a parabola over whole periods.
+struct Basis {
+    /// Constant, then cosine and sine of each order: orthogonal to each other.
+    tones: [Vec<f64>; 7],
+    /// A line and a square, and what is left of each beside the tones and the one before.
+    parabola: [[Vec<f64>; 2]; 2],
+}
+
+impl Basis {
+    fn new() -> Self {
+        let turn = |k: usize, order: usize| TAU * ((k * order) % STEPS) as f64 / STEPS as f64;
+        let sampled = |function: &dyn Fn(usize) -> f64| (0..SAMPLES).map(function).collect();
+        let tones = std::array::from_fn(|j| match j {
+            0 => sampled(&|_| 1.0),
+            1 | 3 | 5 => sampled(&|k| turn(k, j.div_ceil(2)).cos()),
+            _ => sampled(&|k| turn(k, j / 2).sin()),
+        });
+        let x = |k: usize| 2.0 * (k as f64 + 0.5) / SAMPLES as f64 - 1.0;
+        let (line, square): (Vec<f64>, Vec<f64>) = (sampled(&x), sampled(&|k| x(k) * x(k)));
+        let line_left = left_beside(&line, tones.iter());
+        let square_left = left_beside(&square, tones.iter().chain([&line_left]));
+        Self {
+            tones,
+            parabola: [[line, line_left], [square, square_left]],
         }
-        bent.push(own);
     }
-    for (own, column) in bent.iter().zip(&columns[7..]).rev() {
-        let part = dot(&rest, own) / dot(own, column);
-        rest.iter_mut()
-            .zip(column)
-            .for_each(|(r, c)| *r -= part * c);
+
+    /// Returns the phasors of the second and third order, after the parabola is removed.
+    fn phasors(&self, samples: &[f64]) -> [Complex64; 2] {
+        let mut rest = samples.to_vec();
+        for [function, left] in self.parabola.iter().rev() {
+            let part = dot(&rest, left) / dot(left, function);
+            rest.iter_mut()
+                .zip(function)
+                .for_each(|(r, f)| *r -= part * f);
+        }
+        [2, 3].map(|order| {
+            let read = |j: usize| dot(&rest, &self.tones[j]) / dot(&self.tones[j], &self.tones[j]);
+            // Re (V e^{jωt}) = Re V·cos − Im V·sin.
+            Complex64::new(read(2 * order - 1), -read(2 * order))
+        })
     }
-    let phasor = |order: usize| {
-        let read = |j: usize| dot(&rest, &columns[j]) / dot(&columns[j], &columns[j]);
-        // Re (V e^{jωt}) = Re V·cos − Im V·sin.
-        Complex64::new(read(2 * order - 1), -read(2 * order))
-    };
-    [phasor(2), phasor(3)]
+}
+
+/// Returns what is left of a function beside others that are orthogonal to each other.
+fn left_beside<'a>(function: &[f64], others: impl Iterator<Item = &'a Vec<f64>>) -> Vec<f64> {
+    let mut left = function.to_vec();
+    for other in others {
+        let part = dot(&left, other) / dot(other, other);
+        left.iter_mut().zip(other).for_each(|(l, o)| *l -= part * o);
+    }
+    left
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -80,21 +80,22 @@ impl Lag {
 
 /// Returns the lag with which the spectra of all cells fit best; `None` if they have too few
 /// frequencies.
-pub(super) fn lag(spectra: &[&Spectrum], interval_s: f64) -> Option<Best> {
-    let mean = mean(spectra)?;
+pub(super) fn fit_lag(spectra: &[&Spectrum], interval_s: f64) -> Option<LagFit> {
+    let mean = mean_points(spectra)?;
+    let train = Train::new(&mean);
     let most_s = MOST_S.max(MOST_INTERVALS * interval_s);
     let candidates = [(LagKind::Delay, -TRIED), (LagKind::LowPass, 0)];
     let found = candidates.into_iter().filter_map(|(kind, from)| {
         let lags: Vec<f64> = (from..=TRIED)
             .map(|k| most_s * f64::from(k) / f64::from(TRIED))
             .collect();
-        best(&Train::new(&mean), kind, &lags)
+        best_lag(&train, kind, &lags)
     });
     found.min_by(|a, b| a.chi2.total_cmp(&b.chi2))
 }
 
 /// The lags of a kind whose χ² is near the least.
-pub(super) struct Best {
+pub(super) struct LagFit {
     pub(super) lag: Lag,
     /// The least χ².
     chi2: f64,
@@ -104,7 +105,7 @@ pub(super) struct Best {
     excess: f64,
 }
 
-impl Best {
+impl LagFit {
     /// Returns whether the impedances contradict that there is no lag.
     pub(super) fn is_certain(&self) -> bool {
         self.chi2_without > self.chi2 + CERTAIN * CERTAIN * self.excess
@@ -112,7 +113,7 @@ impl Best {
 }
 
 /// Returns the middle of the lags whose χ² is near the least.
-fn best(train: &Train<'_>, kind: LagKind, lags: &[f64]) -> Option<Best> {
+fn best_lag(train: &Train<'_>, kind: LagKind, lags: &[f64]) -> Option<LagFit> {
     let all: Vec<f64> = lags
         .iter()
         .map(|lag_s| train.chi2(kind, *lag_s).unwrap_or(f64::INFINITY))
@@ -146,7 +147,7 @@ fn best(train: &Train<'_>, kind: LagKind, lags: &[f64]) -> Option<Best> {
         lag_s: lags[least] + 0.5 * (right - left) * step_s,
         sigma_s: 0.5 * (left + right) * step_s,
     };
-    Some(Best {
+    Some(LagFit {
         lag,
         chi2,
         chi2_without: train.chi2(kind, 0.0)?,
@@ -155,7 +156,7 @@ fn best(train: &Train<'_>, kind: LagKind, lags: &[f64]) -> Option<Best> {
 }
 
 /// Mean of the spectra at the frequencies that all have; the uncertainty is that of one.
-fn mean(spectra: &[&Spectrum]) -> Option<Vec<ImpedancePoint>> {
+fn mean_points(spectra: &[&Spectrum]) -> Option<Vec<ImpedancePoint>> {
     let first = spectra.first()?;
     let of = |point: &ImpedancePoint| {
         let each = spectra.iter().map(|one| {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{
     grid::{Piece, pieces as pieces_of, without_line},
-    lag::{Best, Lag, LagKind, lag},
+    lag::{Lag, LagFit, LagKind, fit_lag},
     record::{UsageError, UsageRecord},
     result::{CellUsage, RefusedBand, Usage},
     string::string,
@@ -46,46 +46,55 @@ struct Sums {
 /// [`UsageError`] for an invalid record, or a current without power at any frequency.
 pub fn usage(record: &UsageRecord) -> Result<Usage, UsageError> {
     record.check()?;
-    let found = shown(record)?;
-    let lag_of = |found: &Usage| {
-        let spectra: Vec<&Spectrum> = found.cells.iter().map(|cell| &cell.spectrum).collect();
-        lag(&spectra, found.interval_s)
+    let (interval_s, pieces) = pieces_of(record);
+    let lag_of = |cells: &[CellUsage]| {
+        let spectra: Vec<&Spectrum> = cells.iter().map(|cell| &cell.spectrum).collect();
+        fit_lag(&spectra, interval_s)
     };
-    let Some(Best { mut lag, .. }) = lag_of(&found).filter(Best::is_certain) else {
-        return Ok(found);
-    };
-    let (mut found, mut left) = (found, lag);
-    if lag.kind == LagKind::Delay {
-        // The windows of the two channels differ by the delay, which lowers the impedance: the record is
-        // read again without it, twice, because what is left shows better then.
-        for _ in 0..2 {
-            found = shown(&record.with_current_earlier(lag.lag_s))?;
-            if let Some(rest) = lag_of(&found).filter(|rest| rest.lag.kind == LagKind::Delay) {
-                lag.lag_s += rest.lag.lag_s;
-                lag.sigma_s = rest.lag.sigma_s;
+    let mut cells = estimate(record, &pieces, interval_s)?;
+    let mut lag = lag_of(&cells).filter(LagFit::is_certain).map(|fit| fit.lag);
+    if let Some(lag) = &mut lag {
+        let mut left = *lag;
+        if lag.kind == LagKind::Delay {
+            let without = |lag_s: f64| {
+                let earlier = record.with_current_earlier(lag_s);
+                estimate(&earlier, &pieces_of(&earlier).1, interval_s)
+            };
+            // The windows of the two channels differ by the delay, which lowers the impedance: the
+            // record is read again without it, twice, because what is left shows better then.
+            for _ in 0..2 {
+                let rest = lag_of(&without(lag.lag_s)?);
+                if let Some(rest) = rest.filter(|rest| rest.lag.kind == LagKind::Delay) {
+                    lag.lag_s += rest.lag.lag_s;
+                    lag.sigma_s = rest.lag.sigma_s;
+                }
             }
+            cells = without(lag.lag_s)?;
+            left = Lag { lag_s: 0.0, ..*lag };
         }
-        found = shown(&record.with_current_earlier(lag.lag_s))?;
-        left = Lag { lag_s: 0.0, ..lag };
+        for cell in &mut cells {
+            left.remove(&mut cell.spectrum);
+            cell.refuse_uncertain();
+        }
+        check_power(&cells)?;
     }
-    for cell in &mut found.cells {
-        left.remove(&mut cell.spectrum);
-        cell.refuse_uncertain();
-    }
-    if found
-        .cells
-        .iter()
-        .all(|cell| cell.spectrum.points.is_empty())
-    {
-        return Err(no_power(&found.cells));
-    }
-    found.lag = Some(lag);
-    Ok(found)
+    let names: Vec<&str> = record.cells.iter().map(|cell| cell.name.as_str()).collect();
+    let samples: usize = pieces.iter().map(|piece| piece.current_a.len()).sum();
+    Ok(Usage {
+        interval_s,
+        length_s: samples as f64 * interval_s,
+        lag,
+        cells,
+        string: string(&names, &pieces, interval_s),
+    })
 }
 
-/// Estimates the impedances as the channels show them.
-fn shown(record: &UsageRecord) -> Result<Usage, UsageError> {
-    let (interval_s, pieces) = pieces_of(record);
+/// Estimates the impedances as the channels of a record show them; `pieces` are those of the record.
+fn estimate(
+    record: &UsageRecord,
+    pieces: &[Piece],
+    interval_s: f64,
+) -> Result<Vec<CellUsage>, UsageError> {
     let halves = [
         record.part(0, record.time_s.len() / 2),
         record.part(record.time_s.len() / 2, record.time_s.len()),
@@ -93,7 +102,7 @@ fn shown(record: &UsageRecord) -> Result<Usage, UsageError> {
     .map(|half| pieces_of(&half).1);
     let cell = |index: usize| {
         let name = &record.cells[index].name;
-        let (spectrum, refused) = impedance(name, &pieces, index, interval_s);
+        let (spectrum, refused) = impedance(name, pieces, index, interval_s);
         let [first, second] = halves
             .each_ref()
             .map(|half| impedance(name, half, index, interval_s).0);
@@ -104,29 +113,23 @@ fn shown(record: &UsageRecord) -> Result<Usage, UsageError> {
         }
     };
     let cells: Vec<CellUsage> = (0..record.cells.len()).into_par_iter().map(cell).collect();
-    if cells.iter().all(|cell| cell.spectrum.points.is_empty()) {
-        return Err(no_power(&cells));
-    }
-    let names: Vec<&str> = record.cells.iter().map(|cell| cell.name.as_str()).collect();
-    let samples: usize = pieces.iter().map(|piece| piece.current_a.len()).sum();
-    Ok(Usage {
-        interval_s,
-        length_s: samples as f64 * interval_s,
-        lag: None,
-        cells,
-        string: string(&names, &pieces, interval_s),
-    })
+    check_power(&cells)?;
+    Ok(cells)
 }
 
-fn no_power(cells: &[CellUsage]) -> UsageError {
+/// Refuses cells of which no impedance is left.
+fn check_power(cells: &[CellUsage]) -> Result<(), UsageError> {
+    if cells.iter().any(|cell| !cell.spectrum.points.is_empty()) {
+        return Ok(());
+    }
     let tried = cells
         .first()
         .map_or(&[][..], |cell| cell.refused.as_slice());
-    UsageError::NoPower {
+    Err(UsageError::NoPower {
         expected_percent: 100.0 * GREATEST,
         from_hz: tried.first().map_or(f64::NAN, |band| band.freq_hz),
         to_hz: tried.last().map_or(f64::NAN, |band| band.freq_hz),
-    }
+    })
 }
 
 impl CellUsage {
