@@ -4,6 +4,7 @@ mod args;
 mod cells;
 mod draws;
 mod heat;
+mod links;
 mod picture;
 mod print;
 mod report;
@@ -37,11 +38,15 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let thermal = args.heat.thermal(model.map.as_ref())?;
     let start = start(args, &model)?;
     let cell = cell(&model, &start.ocv, thermal.ambient_degc)?;
+    let pack = args.pack.pack()?;
+    let links = args.links.as_deref();
+    let links = links.map(|path| links::read(path, pack)).transpose()?;
     let setup = ScatterSetup {
         cell: &cell,
         map: model.map.as_ref(),
         ocv: &start.ocv,
-        pack: args.pack.pack()?,
+        pack,
+        links: links.as_ref(),
         tab_ohm: args.tab_ohm,
         soc: start.soc,
         profile: &profile,
@@ -70,6 +75,9 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
         files::make_folder(out)?;
         files::write_text(out, "pack.json", &format!("{json}\n"))?;
         draws::write(out, &met)?;
+        if let Some(loads) = &met.identical.links {
+            links::write(out, loads)?;
+        }
         picture::write(out, &setup, &met)?;
     }
     if args.json {

@@ -61,6 +61,7 @@ mod otlp;
 mod outputs_state;
 mod overlap;
 mod pack_heat;
+mod pack_links;
 mod profiles;
 mod quality;
 mod ranging;

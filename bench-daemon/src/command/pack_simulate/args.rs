@@ -27,6 +27,12 @@ draw (several packs). What is empty is as
 --model has it. --export-cells writes such a table of the cells that were drawn: given back by \
 --cells it repeats the run exactly.
 
+--links takes the interconnect as a network. A node is a terminal of the pack (pack-, pack+), a \
+terminal of a cell by its group and place (1.3-,
+16.2+), or a joint of any other name. Each link has its resistance in Ω, and may have a heat \
+capacity in J/K for its temperature without
+cooling. --interconnect-ohm adds to it.
+
 --sigma-r is the spread of a cell's resistances all together; its default, 0.8 %, is what the \
 thesis' 25 sweeps of P45B cells show, and that of
 the capacitances is taken from there. The spread of capacities and states of charge has not been \
@@ -65,7 +71,11 @@ pub struct PackSimulateArgs {
     /// The pack.
     #[command(flatten)]
     pub pack: PackArgs,
-    /// Resistance between each cell and the busbar of its group, Ω.
+    /// Resistances between the cells, in place of busbars that the cells of a group share: a table with
+    /// from, to, ohm, and any of heat_j_per_k.
+    #[arg(long, value_name = "CSV")]
+    pub links: Option<PathBuf>,
+    /// Resistance between each cell and the busbar of its group, or its nodes of --links, Ω.
     #[arg(
         long,
         value_name = "OHM",

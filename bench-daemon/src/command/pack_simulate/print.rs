@@ -4,6 +4,7 @@ use analysis::forward::pack::{Percentiles, PlacedCell, ScatterSetup};
 
 use super::super::profile_args::taken;
 use super::cells::lowest;
+use super::links;
 use super::report::PackReport;
 use bench_plan::support::terminal::say;
 
@@ -75,6 +76,9 @@ pub(super) fn print(r: &PackReport, setup: &ScatterSetup<'_>, packs: Option<&[Ve
         3,
     );
     print_temperatures(r);
+    if let (Some(loads), Some(ohm)) = (&r.identical.links, r.links_ohm) {
+        links::print(loads, ohm);
+    }
     let [low, high] = r.leaving_interval_95;
     say!(
         "  leaving {} to {} V or short of power: {:.1} % of the packs (95 % interval {:.1} to \

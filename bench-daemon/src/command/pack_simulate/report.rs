@@ -38,6 +38,8 @@ pub(super) struct PackReport {
     #[serde(flatten)]
     pub(super) pack: Pack,
     pub(super) tab_ohm: f64,
+    /// Resistance in series with the pack that equals the links, Ω; `None` without links.
+    pub(super) links_ohm: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V.
     pub(super) ocv_v: f64,
     pub(super) soc: Option<f64>,
@@ -199,6 +201,9 @@ pub(super) fn report(
         model: model.name.clone(),
         pack: setup.pack,
         tab_ohm: setup.tab_ohm,
+        links_ohm: setup
+            .links
+            .map(|links| links.equivalent_ohm(setup.cell.r_ohm + setup.tab_ohm)),
         ocv_v,
         soc,
         window: setup.window,

@@ -48,7 +48,7 @@ pub(super) struct MappedCell {
 pub(super) struct Common<'a> {
     pub(super) map: &'a CellMap,
     pub(super) curve: &'a OcvCurve,
-    pub(super) wiring: Wiring,
+    pub(super) wiring: Wiring<'a>,
     pub(super) thermal: &'a PackThermal,
 }
 
@@ -130,8 +130,8 @@ impl<'a> MapNetwork<'a> {
                 at: vec![(f64::NAN, f64::NAN); n],
             },
             sources: Sources::new(n),
-            before: Look::new(n),
-            now: Look::new(n),
+            before: Look::new(n, &common.wiring),
+            now: Look::new(n, &common.wiring),
             guess_a: vec![0.0; n],
             slope_ohm: vec![0.0; n * rc],
             thermal: ThermalNetwork::new(common.thermal, n, common.wiring.parallel),
@@ -281,7 +281,7 @@ impl<'a> MapNetwork<'a> {
             self.sources.behind_ohm[k] = self.found.values[k].r_ohm + self.common.wiring.tab_ohm;
         }
         let wiring = self.common.wiring;
-        let sound = wiring.share(&self.sources, demand, value, &mut self.now);
+        let sound = wiring.share(&mut self.sources, demand, value, &mut self.now);
         for (k, values) in self.found.values.iter().enumerate() {
             self.now.cell_v[k] = self.sources.e_v[k] - values.r_ohm * self.now.cell_a[k];
         }
@@ -331,7 +331,7 @@ impl Cells for MapNetwork<'_> {
             self.linearise(step_s);
             self.guess_a.copy_from_slice(&self.now.cell_a);
             let wiring = self.common.wiring;
-            if !wiring.share(&self.sources, demand, value, &mut self.now) {
+            if !wiring.share(&mut self.sources, demand, value, &mut self.now) {
                 return false;
             }
             change = self

@@ -22,7 +22,7 @@ pub(super) struct Cell {
 /// Cells, their wiring and their states.
 pub(super) struct Network<'a> {
     ocv: &'a OcvSource,
-    wiring: Wiring,
+    wiring: Wiring<'a>,
     /// Branches of a cell.
     rc: usize,
     r_ohm: Vec<f64>,
@@ -48,7 +48,7 @@ impl<'a> Network<'a> {
     pub(super) fn new(
         cells: &[Cell],
         ocv: &'a OcvSource,
-        wiring: Wiring,
+        wiring: Wiring<'a>,
         thermal: &PackThermal,
     ) -> Self {
         let n = cells.len();
@@ -75,8 +75,8 @@ impl<'a> Network<'a> {
             soc: cells.iter().map(|c| c.soc).collect(),
             v_rc: vec![0.0; n * rc],
             sources: Sources::new(n),
-            start: Look::new(n),
-            now: Look::new(n),
+            start: Look::new(n, &wiring),
+            now: Look::new(n, &wiring),
             thermal: ThermalNetwork::new(thermal, n, wiring.parallel),
             heat_w: vec![0.0; n],
             unsettled: 0,
@@ -138,7 +138,7 @@ impl Cells for Network<'_> {
         }
         let sound = self
             .wiring
-            .share(&self.sources, demand, value, &mut self.now);
+            .share(&mut self.sources, demand, value, &mut self.now);
         for k in 0..self.soc.len() {
             let i = self.now.cell_a[k];
             self.now.cell_v[k] = self.sources.e_v[k] - self.r_ohm[k] * i;
@@ -175,7 +175,7 @@ impl Cells for Network<'_> {
         }
         let sound = self
             .wiring
-            .share(&self.sources, demand, value, &mut self.now);
+            .share(&mut self.sources, demand, value, &mut self.now);
         for k in 0..self.soc.len() {
             let (i0, i1) = (self.start.cell_a[k], self.now.cell_a[k]);
             for j in self.cell_branches(k) {

@@ -241,7 +241,7 @@ fn telling(all: &[Instant]) -> Vec<bool> {
 fn wired<'a>(
     setup: &'a ScatterSetup<'a>,
     placed: Vec<PlacedCell>,
-    wiring: Wiring,
+    wiring: Wiring<'a>,
 ) -> Box<dyn Cells + 'a> {
     if let (Some(map), OcvSource::Curve(curve)) = (setup.map, setup.ocv) {
         let common = Common {
@@ -267,6 +267,7 @@ fn run(
 ) -> (Outcome, Vec<Instant>) {
     let wiring = Wiring {
         parallel: setup.pack.parallel as usize,
+        links: setup.links,
         tab_ohm: setup.tab_ohm,
         interconnect_ohm: setup.pack.interconnect_ohm,
     };

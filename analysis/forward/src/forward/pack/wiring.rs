@@ -3,14 +3,18 @@
 //! At an instant every cell is a source Eₖ behind Rₖ. A group is then a source ΣGₖEₖ/ΣGₖ behind
 //! 1/ΣGₖ with Gₖ = 1/Rₖ, the pack the sum of its groups and the interconnect, and the law of
 //! [`crate::forward::Drive`] gives its current. The current of each cell follows as (Eₖ − V)/Rₖ.
+//! With [`Links`] between the cells the same law holds for the voltages of their nodes.
 
+use super::links::{Links, Solved};
 use super::thermal::ThermalNetwork;
 use crate::forward::{Beyond, Demand, Drive};
 
 /// Wiring between the cells.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Wiring {
+pub(super) struct Wiring<'a> {
     pub(super) parallel: usize,
+    /// Between the cells; without them the cells of a group share their busbars.
+    pub(super) links: Option<&'a Links>,
     /// Between a cell and the busbar of its group, Ω.
     pub(super) tab_ohm: f64,
     /// In series with all groups, Ω.
@@ -29,15 +33,18 @@ pub(super) struct Look {
     pub(super) cell_v: Vec<f64>,
     /// Joule heat in each cell, W.
     pub(super) heat_w: Vec<f64>,
+    /// In each link, from its first node to its second, A.
+    pub(super) link_a: Vec<f64>,
 }
 
 impl Look {
     /// Of a number of cells, without a current.
-    pub(super) fn new(cells: usize) -> Self {
+    pub(super) fn new(cells: usize, wiring: &Wiring<'_>) -> Self {
         Self {
             cell_a: vec![0.0; cells],
             cell_v: vec![0.0; cells],
             heat_w: vec![0.0; cells],
+            link_a: vec![0.0; wiring.links.map_or(0, Links::count)],
             ..Self::default()
         }
     }
@@ -48,6 +55,8 @@ impl Look {
 pub(super) struct Sources {
     pub(super) e_v: Vec<f64>,
     pub(super) behind_ohm: Vec<f64>,
+    /// Solution of the links for the last resistances.
+    solved: Option<Solved>,
 }
 
 impl Sources {
@@ -56,20 +65,36 @@ impl Sources {
         Self {
             e_v: vec![0.0; cells],
             behind_ohm: vec![0.0; cells],
+            solved: None,
         }
     }
 }
 
-impl Wiring {
+impl Wiring<'_> {
     /// Computes the currents of all cells under a demand. Returns false if the pack has no voltage
     /// left.
     pub(super) fn share(
         &self,
-        sources: &Sources,
+        sources: &mut Sources,
         demand: Demand,
         value: f64,
         look: &mut Look,
     ) -> bool {
+        if let Some(links) = self.links {
+            let before = sources.solved.take();
+            let Some(solved) = links.solve(before, &sources.e_v, &sources.behind_ohm) else {
+                return false;
+            };
+            let (e_v, r_ohm) = solved.source();
+            let r_ohm = r_ohm + self.interconnect_ohm;
+            let sound = self.drive(e_v, r_ohm, demand, value, look);
+            if sound {
+                let (cell_a, link_a) = (&mut look.cell_a, &mut look.link_a);
+                links.currents(&solved, &sources.e_v, look.current_a, cell_a, link_a);
+            }
+            sources.solved = Some(solved);
+            return sound;
+        }
         let width = self.parallel;
         let groups = || {
             let e_v = sources.e_v.chunks(width);
@@ -77,6 +102,23 @@ impl Wiring {
         };
         let whole = groups().map(|(e, r)| group(e, r));
         let (e_v, r_ohm) = whole.fold((0.0, self.interconnect_ohm), |(e, r), g| (e + g.0, r + g.1));
+        if !self.drive(e_v, r_ohm, demand, value, look) {
+            return false;
+        }
+        let current = look.current_a;
+        for ((e, r), i) in groups().zip(look.cell_a.chunks_mut(width)) {
+            let (source, inner) = group(e, r);
+            let v = source - current * inner;
+            for ((i, e), r) in i.iter_mut().zip(e).zip(r) {
+                *i = (e - v) / r;
+            }
+        }
+        true
+    }
+
+    /// Writes current and voltage of the pack, from its voltage without current, V, and its resistance, Ω.
+    /// Returns false if it has no voltage left.
+    fn drive(&self, e_v: f64, r_ohm: f64, demand: Demand, value: f64, look: &mut Look) -> bool {
         if e_v.is_nan() || e_v <= 0.0 {
             return false;
         }
@@ -86,16 +128,8 @@ impl Wiring {
             r_ohm,
         }
         .reply(e_v, value);
-        let current = reply.current_a;
-        for ((e, r), i) in groups().zip(look.cell_a.chunks_mut(width)) {
-            let (source, inner) = group(e, r);
-            let v = source - current * inner;
-            for ((i, e), r) in i.iter_mut().zip(e).zip(r) {
-                *i = (e - v) / r;
-            }
-        }
-        look.current_a = current;
-        look.ccv_v = e_v - current * r_ohm;
+        look.current_a = reply.current_a;
+        look.ccv_v = e_v - reply.current_a * r_ohm;
         look.infeasible = reply.infeasible;
         true
     }
@@ -107,7 +141,8 @@ impl Wiring {
     }
 
     fn interconnect_w(&self, look: &Look) -> f64 {
-        look.current_a * look.current_a * self.interconnect_ohm
+        let links = self.links.map_or(0.0, |links| links.heat_w(&look.link_a));
+        look.current_a * look.current_a * self.interconnect_ohm + links
     }
 
     /// Writes the mean heat of each cell and its tab over a step, W, from its start and end. Returns

@@ -69,9 +69,10 @@ fn cell(r: f64, soc: f64) -> MappedCell {
     }
 }
 
-fn wiring(parallel: usize) -> Wiring {
+fn wiring(parallel: usize) -> Wiring<'static> {
     Wiring {
         parallel,
+        links: None,
         tab_ohm: 0.0,
         interconnect_ohm: 0.0,
     }
@@ -236,6 +237,7 @@ fn a_map_of_equal_nodes_is_the_model_of_one_point_for_cells_that_differ() {
     let ocv = OcvSource::Curve(curve.clone());
     let wiring = Wiring {
         parallel: 3,
+        links: None,
         tab_ohm: 0.001,
         interconnect_ohm: 0.004,
     };
@@ -297,6 +299,7 @@ fn heat_of_the_load_is_stored_in_the_cells_or_lost_and_a_warm_cell_resists_less(
             curve: &curve,
             wiring: Wiring {
                 parallel: 2,
+                links: None,
                 tab_ohm: 0.001,
                 interconnect_ohm: 0.02,
             },

@@ -72,6 +72,7 @@ fn identical_cells_are_the_pack_model() {
     );
     let wiring = Wiring {
         parallel: 3,
+        links: None,
         tab_ohm: 0.0,
         interconnect_ohm: 0.03,
     };
@@ -126,6 +127,7 @@ fn error_v(parts: u32) -> f64 {
         &ocv,
         Wiring {
             parallel: 3,
+            links: None,
             tab_ohm: 0.0,
             interconnect_ohm: 0.03,
         },
@@ -174,6 +176,7 @@ proptest! {
             &ocv,
             Wiring {
                 parallel,
+                links: None,
                 tab_ohm: tab,
                 interconnect_ohm: interconnect,
             },

@@ -1,5 +1,6 @@
 //! Result of one pack, and percentiles over many.
 
+use super::super::links::LinkLoads;
 use analysis_model::map::Outside;
 use serde::Serialize;
 
@@ -23,7 +24,7 @@ pub struct Outcome {
     /// Largest current of any cell, A, without sign.
     pub largest_cell_a: f64,
     /// Largest current of any cell over the largest mean current of the cells; 1 for identical
-    /// cells.
+    /// cells without links.
     pub largest_share: f64,
     /// Difference of the highest and the lowest state of charge at the end; none for a constant
     /// OCV.
@@ -41,6 +42,9 @@ pub struct Outcome {
     /// Largest distance outside the range in which a map was measured; `None` without a map.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outside_map: Option<LeftMap>,
+    /// Loads of the links between the cells; `None` without links.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub links: Option<LinkLoads>,
     /// Energy delivered at the terminals, J.
     pub energy_j: f64,
     /// Steps whose equations were not solved to their tolerance.

@@ -1,5 +1,6 @@
 //! Input of the simulation of many packs, and its bounds.
 
+use super::super::links::Links;
 use super::super::thermal::PackThermal;
 use crate::forward::{CellWindow, OcvSource, Profile};
 use analysis_model::{
@@ -76,7 +77,9 @@ pub struct ScatterSetup<'a> {
     pub ocv: &'a OcvSource,
     /// Size and interconnect.
     pub pack: Pack,
-    /// Resistance between each cell and the busbar of its group, Ω.
+    /// Resistances between the cells; without them the cells of a group share their busbars.
+    pub links: Option<&'a Links>,
+    /// Resistance between each cell and the busbar of its group, or its nodes of the links, Ω.
     pub tab_ohm: f64,
     /// State of charge at the start, at rest; without meaning for a constant OCV.
     pub soc: f64,

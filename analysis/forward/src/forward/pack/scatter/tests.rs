@@ -36,6 +36,7 @@ fn setup<'a>(cell: &'a Erm, ocv: &'a OcvSource, profile: &'a Profile) -> Scatter
         map: None,
         ocv,
         pack: Pack::new(4, 3, 0.01).unwrap(),
+        links: None,
         tab_ohm: 0.0,
         soc: 0.5,
         profile,

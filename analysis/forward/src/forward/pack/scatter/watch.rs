@@ -1,5 +1,6 @@
 //! Records the extremes of a run of a pack.
 
+use super::super::links::LinkWatch;
 use super::super::wiring::{Cells, Look, Wiring};
 use super::outcome::{LeftMap, Outcome, Position, SocRange, Temperatures};
 use super::setup::ScatterSetup;
@@ -36,7 +37,8 @@ struct Heat {
 /// Record of the extremes of a run.
 pub(super) struct Watch<'a> {
     setup: &'a ScatterSetup<'a>,
-    wiring: Wiring,
+    wiring: Wiring<'a>,
+    links: Option<LinkWatch<'a>>,
     outcome: Outcome,
     largest_mean_a: f64,
     /// Lowest and highest state of charge at the start.
@@ -46,7 +48,7 @@ pub(super) struct Watch<'a> {
 }
 
 impl<'a> Watch<'a> {
-    pub(super) fn new(setup: &'a ScatterSetup<'a>, wiring: Wiring, start: &dyn Cells) -> Self {
+    pub(super) fn new(setup: &'a ScatterSetup<'a>, wiring: Wiring<'a>, start: &dyn Cells) -> Self {
         let (most, least) = (f64::INFINITY, f64::NEG_INFINITY);
         let first = Position::of(0, wiring.parallel);
         let outcome = Outcome {
@@ -73,6 +75,7 @@ impl<'a> Watch<'a> {
             },
             interconnect_heat_j: 0.0,
             outside_map: None,
+            links: None,
             energy_j: 0.0,
             unsettled_steps: 0,
             feasible: true,
@@ -91,6 +94,7 @@ impl<'a> Watch<'a> {
         Self {
             setup,
             wiring,
+            links: wiring.links.map(LinkWatch::new),
             outcome,
             largest_mean_a: 0.0,
             start_soc: ends(start.soc()),
@@ -109,10 +113,16 @@ impl<'a> Watch<'a> {
         self.heat.before_w.copy_from_slice(&now.heat_w);
         self.heat.wires_before_w = self.wiring.wires_w(now);
         self.power_before_w = now.current_a * now.ccv_v;
+        if let Some(links) = &mut self.links {
+            links.begin(&now.link_a);
+        }
     }
 
     /// Adds up heat and energy of the step that ends.
     pub(super) fn passed(&mut self, step_s: f64, now: &Look) {
+        if let Some(links) = &mut self.links {
+            links.passed(step_s, &now.link_a);
+        }
         let heat = &mut self.heat;
         let cells = heat.joule_j.iter_mut().zip(&heat.before_w);
         for ((sum, old), new) in cells.zip(&now.heat_w) {
@@ -125,6 +135,9 @@ impl<'a> Watch<'a> {
     /// Takes an instant into the extremes.
     pub(super) fn see(&mut self, time_s: f64, demand: f64, cells: &dyn Cells) -> Instant {
         let now = cells.now();
+        if let Some(links) = &mut self.links {
+            links.see(now.current_a, &now.cell_a, &now.link_a);
+        }
         let o = &mut self.outcome;
         let (mut lowest, mut highest, mut place) = (f64::INFINITY, f64::NEG_INFINITY, 0);
         for (k, &v) in now.cell_v.iter().enumerate() {
@@ -162,6 +175,7 @@ impl<'a> Watch<'a> {
     /// Returns the results of the run.
     pub(super) fn close(mut self, cells: &dyn Cells) -> Outcome {
         let (setup, parallel) = (self.setup, self.wiring.parallel);
+        self.outcome.links = self.links.map(LinkWatch::close);
         let o = &mut self.outcome;
         (o.margin_low_v, o.margin_high_v) = (
             setup.window.margin_low_v(o.min_cell_v),
