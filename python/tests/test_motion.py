@@ -335,6 +335,121 @@ def test_a_map_at_its_temperature(tmp_path):
         motion.jump(ROBOT, motion.SimpleIR(pack), COARSE)
 
 
+def test_equal_legs_apart_are_both_as_one():
+    rng = np.random.default_rng(3)
+    both, apart = ROBOT.mechanics(), ROBOT.mechanics(apart=True)
+    q, v, a = rng.uniform(-1, 1, (3, 6))
+    torque, force = rng.uniform(-50, 50, 3), rng.uniform(0, 300, 3)
+    together = np.asarray(both.functions()["dynamics"](q, v, a, torque, force)).ravel()
+    q2, v2, a2 = (np.append(each, each[[4, 3, 2]]) for each in (q, v, a))
+    alone = apart.functions()["dynamics"](
+        q2, v2, a2, np.append(torque, torque[::-1]), np.append(force / 2, force / 2)
+    )
+    alone = np.asarray(alone).ravel()
+    alone[[2, 3, 4]] += alone[[8, 7, 6]]
+    assert np.abs(alone[:6] - together).max() < 1e-9 * np.abs(together).max()
+    assert abs(both.mass_kg - apart.mass_kg) < 1e-12
+    centres = [np.asarray(m.functions()["com"](*at)[0]) for m, at in ((both, (q, v)), (apart, (q2, v2)))]
+    assert np.abs(centres[0] - centres[1]).max() < 1e-12
+    with pytest.raises(eb.EisError, match="Robot.legs: expected 2 to walk, met 4"):
+        motion.walk(replace(ROBOT, legs=4), motion.Free(), 0.5)
+
+
+@pytest.fixture(scope="module")
+def gait(pack):
+    return motion.walk(ROBOT, motion.Transient(pack), 0.8, motion.Options(double=6, single=12))
+
+
+def test_a_step_ends_as_it_began_with_legs_exchanged(gait):
+    foot = gait.mechanics.functions()["foot"]
+    toe_m, speed_m_s, _, heel_m = (
+        np.stack([np.asarray(row).ravel() for row in each])
+        for each in zip(*(foot(*at) for at in zip(gait.q, gait.v, gait.a)))
+    )
+    double, single = rows(gait, "double"), rows(gait, "single")
+    # The rear toe stays where the foot landed a step ago.
+    assert np.abs(toe_m[double] - [-gait.step_m, 0]).max() < 1e-4
+    assert heel_m[double, 1].min() > -1e-6 and toe_m[single, 1].min() > -1e-4
+    assert toe_m[single, 1].max() > ROBOT.clearance_m - 1e-6
+    assert abs(gait.step_m / gait.time_s[-1] - 0.8) < 1e-6
+    # It lands flat and without impact.
+    assert np.abs(speed_m_s[-1]).max() < 1e-6 and abs(gait.v[-1, 8]) < 1e-6
+    assert abs(toe_m[-1, 1]) < 1e-6 and abs(heel_m[-1, 1]) < 1e-6
+    assert np.abs(gait.q[0, 3:] - gait.q[-1, [7, 6, 5, 4, 3, 2]]).max() < 1e-6
+    assert np.abs(gait.v[0, 3:] - gait.v[-1, [7, 6, 5, 4, 3, 2]]).max() < 1e-6
+    assert np.abs(gait.torque_nm[0] - gait.torque_nm[-1, ::-1]).max() < 1e-4
+    # No foot pulls on the ground or slides.
+    for foot_n in (gait.force_n[:, :3], gait.force_n[:, 3:]):
+        assert foot_n[:, 1:].min() > -1e-4
+        up_n = foot_n[:, 1] + foot_n[:, 2]
+        assert (np.abs(foot_n[:, 0]) <= ROBOT.ground_friction * up_n + 1e-3).all()
+    assert not gait.force_n[single, 3:].any() and not gait.force_n[double, 5].any()
+
+
+def test_a_gait_takes_what_its_losses_are(gait):
+    # Over a step neither kinetic nor potential energy changes, so that the joints do no work.
+    inner = (gait.time_s[2:] - gait.time_s[:-2]) / 6
+    power_w = gait.joint_w.sum(axis=1)
+    begins = [k for name in ("double", "single") for k in rows(gait, name)[:-2:2]]
+    simpson = power_w[:-2] + 4 * power_w[1:-1] + power_w[2:]
+    work_j = float(np.sum((inner * simpson)[begins]))
+    print(f"{work_j:.3f} J of {gait.energy_j:.1f} J")
+    assert abs(work_j) < 0.01 * gait.energy_j
+    mean_w = gait.energy_j / gait.time_s[-1]
+    assert ROBOT.electronics_w < mean_w < 3 * ROBOT.electronics_w
+    assert gait.bus_w == pytest.approx(gait.motor_w.sum(axis=1) + ROBOT.electronics_w, abs=1e-6)
+
+
+def test_a_long_walk_settles_at_the_planned_voltage(gait, pack, tmp_path):
+    steps = 60
+    time_s, power_w = gait.profile(steps)
+    assert (np.diff(time_s) > 0).all()
+    assert time_s[-1] == pytest.approx(steps * gait.time_s[-1], abs=1e-3)
+    size = {"series": 16, "parallel": 3, "interconnect_ohm": 0.03}
+    run = pack.model.simulate(time_s, power_w=power_w, soc=0.2, linear=True, **size)
+    last = time_s > (steps - 1) * gait.time_s[-1]
+    # The slowest branch has 5.2 s; the charge has fallen meanwhile.
+    fallen_v = run["ocv_v"][0] - run["ocv_v"][-1]
+    lowest_v = np.interp(time_s[last], run.time_s, run.ccv_v).min()
+    assert abs(lowest_v + fallen_v - gait.ccv_v.min()) < 0.03
+    first_v = np.interp(gait.time_s, run.time_s, run.ccv_v).min()
+    assert first_v > gait.ccv_v.min() + 0.03, "from rest it is higher"
+    gait.write_profile(tmp_path / "walk.csv", steps=3)
+    assert len((tmp_path / "walk.csv").read_text().splitlines()) > 3 * len(gait.time_s) - 6
+
+
+def test_a_faster_gait_takes_more_power_and_a_weak_pack_limits_it(model, pack):
+    small = motion.Options(double=3, single=6)
+    law = motion.Transient(pack)
+    slow, fast = (motion.walk(ROBOT, law, speed, small) for speed in (0.6, 1.6))
+    power_w = [found.energy_j / found.time_s[-1] for found in (slow, fast)]
+    assert power_w[1] > 1.5 * power_w[0] and fast.ccv_v.min() < slow.ccv_v.min()
+    weak = motion.Pack(model, series=16, parallel=1, soc=0.1, ageing=3.0)
+    held = motion.walk(ROBOT, motion.Transient(weak), 1.6, small)
+    assert held.margin_low_v.min() > -1e-6
+    assert held.bus_w.max() < fast.bus_w.max() - 100
+    with pytest.raises(eb.EisError, match="walk 9 m/s: not solved"):
+        motion.walk(ROBOT, motion.Free(), 9, replace(small, max_iterations=150))
+    with pytest.raises(eb.EisError, match="walk: speed_m_s: expected a positive speed"):
+        motion.walk(ROBOT, motion.Free(), 0)
+
+
+def test_a_gait_and_a_jump_say_what_the_other_lacks(gait, planned, tmp_path):
+    pytest.importorskip("matplotlib").use("Agg")
+    assert f"steps of {gait.step_m:.3f} m" in str(gait)
+    with pytest.raises(eb.EisError, match="walk 0.8 m/s: expected a motion with a flight"):
+        gait.height_m
+    with pytest.raises(eb.EisError, match="jump: expected a gait"):
+        planned.step_m
+    with pytest.raises(eb.EisError, match="jump: steps: expected 1"):
+        planned.profile(2)
+    table = gait.table()
+    assert table.rows == len(gait.time_s)
+    assert "swing_knee_motor_w" in table and "swing_toe_z_n" in table
+    gait.animate(tmp_path / "walk.gif", fps=5)
+    assert gait.shapes().shape[1:] == (2, 11)
+
+
 def test_pictures_and_table(planned, tmp_path):
     pytest.importorskip("matplotlib").use("Agg")
     assert planned.plot().get_ylabel() == "power of the bus / kW"

@@ -117,7 +117,7 @@ def motion(of: Motion, axes: Any) -> Any:
     other = axes.twinx()
     other.plot(of.time_s, of.ccv_v, color=FITTED, lw=1)
     other.set_ylabel("voltage of the bus / V", color=FITTED)
-    axes.set_title(f"{of.goal}, law {of.law}: {of.height_m:.2f} m")
+    axes.set_title(f"{of.goal}, law {of.law}: {of.reached}")
     axes.grid(alpha=0.3)
     return axes
 

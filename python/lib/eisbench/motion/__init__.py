@@ -12,7 +12,7 @@ from ._laws import Free, Law, Pack, PowerLimit, SimpleIR, Transient
 from ._problem import Options
 from ._result import Motion
 from ._robot import JOINTS, Joint, Link, Robot
-from ._tasks import gap, jump, jump_to
+from ._tasks import gap, jump, jump_to, walk
 
 __all__ = [
     "JOINTS",
@@ -30,4 +30,5 @@ __all__ = [
     "gap",
     "jump",
     "jump_to",
+    "walk",
 ]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._eisbench import EisError
 from .._model import Model
-from ._robot import casadi
+from ._mechanics import casadi
 
 
 #: How far a motion may move the state of charge of a cell.
@@ -308,6 +308,8 @@ class Cell:
         following = moved(state, current_a, end_a, dt_s, *more, after=after)
         e_v, r_ohm = source(state, start_w)
         self.rest = rest
+        #: Rows of the state that a gait changes from step to step: charge, and temperature.
+        self.lasting = slice(0, 2 if more else 1)
         #: How far a state may go from rest: the temperature by 100 K, a voltage by 1 V.
         self.wide = [CHARGE_REACH, *(1.0 for _ in rest[1:])]
         if more:

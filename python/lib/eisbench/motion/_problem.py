@@ -13,11 +13,23 @@ from numpy.typing import NDArray
 from .._eisbench import EisError
 from ._laws import Cell, Law
 from ._result import Motion
-from ._robot import Robot, casadi, joint_angles
+from ._mechanics import casadi
+from ._robot import Robot
 
 #: Sizes by which the solver's variables are scaled: coordinates, speeds, accelerations, torques as a
 #: share of their limit, forces, powers of a cell, and states of a cell.
 SIZES = {"q": 1.0, "v": 10.0, "a": 300.0, "t": 1.0, "f": 500.0, "p": 100.0, "x": 1.0}
+#: What the ground holds and carries in each phase: coordinates of the first foot, and the forces of each
+#: foot, along it, up at the toe and up at the heel.
+HELD = {"flat": (0, 1, 2), "landing": (0, 1, 2), "toe": (0, 1), "double": (0, 1, 2), "single": (0, 1, 2)}
+CARRIED = {
+    "flat": (1, 1, 1),
+    "toe": (1, 1, 0),
+    "flight": (0, 0, 0),
+    "landing": (1, 1, 1),
+    "double": (1, 1, 1, 1, 1, 0),
+    "single": (1, 1, 1, 0, 0, 0),
+}
 #: Weight of the squared torques, as shares of their limits and over time, beside the goal.
 EFFORT = 3e-3
 
@@ -41,7 +53,7 @@ class Phase:
     @property
     def locked(self) -> tuple[int, ...]:
         """Coordinates that the ground holds: those of the toe, and the angle of the foot."""
-        return {"flat": (0, 1, 2), "landing": (0, 1, 2), "toe": (0, 1)}.get(self.name, ())
+        return HELD.get(self.name, ())
 
 
 @dataclass
@@ -54,6 +66,8 @@ class Options:
     toe: int = 4
     flight: int = 6
     landing: int = 8
+    double: int = 4
+    single: int = 8
     start: Optional[Motion] = None
     seed: Optional[int] = None
     reach_w: float = 100.0
@@ -61,7 +75,7 @@ class Options:
     ipopt: dict[str, Any] = field(default_factory=dict[str, Any])
 
     def __post_init__(self) -> None:
-        for name in ("flat", "toe", "flight", "landing", "max_iterations"):
+        for name in (*HELD, "flight", "max_iterations"):
             value = getattr(self, name)
             if value != int(value) or value < 1:
                 raise EisError(f"Options.{name}: expected a whole number from 1, met {value!r}")
@@ -70,9 +84,12 @@ class Options:
 class Problem:
     """Variables with bounds, constraints with bounds, and a start."""
 
-    def __init__(self, robot: Robot, law: Law, options: Options, goal: str) -> None:
+    def __init__(
+        self, robot: Robot, law: Law, options: Options, goal: str, apart: bool = False
+    ) -> None:
         self.ca, self.robot, self.law, self.options, self.goal = casadi(), robot, law, options, goal
-        self.f = robot.functions()
+        self.apart, self.mechanics = apart, robot.mechanics(apart)
+        self.f = self.mechanics.functions()
         self.cell: Optional[Cell] = law.cell()
         self.rng = None if options.seed is None else np.random.default_rng(options.seed)
         self.variables: list[Any] = []
@@ -131,7 +148,7 @@ class Problem:
         if flies:
             self._ballistic(q, v, span)
         moving = [2, 3, 4, 5] if flies else self._unbound(q, phase)
-        free = [3, 4, 5] if flies else [k for k in range(6) if k not in locked]
+        free = [3, 4, 5] if flies else [k for k in range(self.mechanics.size) if k not in locked]
         # Hermite and Simpson's rule, with the middle of each interval as a point of its own.
         begin, middle, end = (slice(k, count - 2 + k, 2) for k in range(3))
         for value, rate, chosen in ((q, v, moving), (v, a, free)):
@@ -143,20 +160,20 @@ class Problem:
             self.require(value[:, end] - value[:, begin] - step / 6 * inner)
         self.require(torque[:, middle] - (torque[:, begin] + torque[:, end]) / 2)
         self.require(self.f["dynamics"].map(count)(q, v, a, torque, force) / 100)
-        angles = joint_angles(q)
-        for k, joint in enumerate(robot.joints):
+        angles, turns = self.mechanics.angles(q), self.mechanics.angles(v)
+        for k, joint in enumerate(self.mechanics.joints):
             self.require(angles[k, :], joint.low_rad, joint.high_rad)
-            self.require(joint_angles(v)[k, :] / joint.speed_rad_s, -1, 1)
-        if locked:
-            grip = robot.ground_friction * (force[1, :] + force[2, :])
-            self.require(
-                ca.vertcat(grip - force[0, :], grip + force[0, :]) / SIZES["f"], 0, math.inf
-            )
+            self.require(turns[k, :] / joint.speed_rad_s, -1, 1)
+        for foot in range(0, len(CARRIED[phase.name]), 3):
+            if any(CARRIED[phase.name][foot : foot + 3]):
+                along, up = force[foot, :], force[foot + 1, :] + force[foot + 2, :]
+                grip = robot.ground_friction * up
+                self.require(ca.vertcat(grip - along, grip + along) / SIZES["f"], 0, math.inf)
         if flies:
             heel = q[1, :] + robot.foot_m * ca.sin(q[2, :])
             self.require(heel, 0, math.inf)
         self._power(points, step / 2, rows, first)
-        limits = ca.DM([joint.torque_nm for joint in robot.joints])
+        limits = ca.DM([joint.torque_nm for joint in self.mechanics.joints])
         self.effort += span * ca.dot(ca.sum1((torque / limits) ** 2), ca.DM(phase.weights).T)
         if not first:
             self._joined(phase, points)
@@ -177,10 +194,9 @@ class Problem:
     def _unbound(self, q: Any, phase: Phase) -> list[int]:
         """Rows of the coordinates that are not fixed to a number."""
         if not phase.locked:
-            return list(range(6))
-        return [
-            k for k in range(6) if k not in phase.locked or (k == 0 and phase.name == "landing")
-        ]
+            return list(range(self.mechanics.size))
+        fixed = [k for k in phase.locked if k or phase.name != "landing"]
+        return [k for k in range(self.mechanics.size) if k not in fixed]
 
     def _rows(self, phase: Phase) -> slice:
         """Rows of the points of the next phase in a motion."""
@@ -201,21 +217,23 @@ class Problem:
         share = np.linspace(0, 1, count)
         poses = np.outer(np.asarray(pose_from), 1 - share) + np.outer(np.asarray(pose_to), share)
         lean = self.robot.trunk_lean_rad
-        high = np.array([20.0, 5.0, 1.2, 1.6, 0.6, lean])
-        low = -np.array([20.0, 0.0, 1.2, 0.6, 2.6, lean])
+        size, hinges = self.mechanics.size, len(self.mechanics.hinges)
+        high = np.array([20.0, 5.0, 1.2, 1.6, 0.6, lean, 0.6, 1.6, 1.2])[:size]
+        low = -np.array([20.0, 0.0, 1.2, 0.6, 2.6, lean, 2.6, 0.6, 1.2])[:size]
         if phase.name == "toe":
             low[2] = 0.0
         for k in phase.locked:
             if k or phase.name != "landing":
                 low[k] = high[k] = 0.0
-        held = np.isin(range(6), phase.locked)
+        held = np.isin(range(size), phase.locked)
         fast, hard = np.where(held, 0, 100.0), np.where(held, 0, 1e5)
-        torque = np.array([joint.torque_nm for joint in self.robot.joints])
-        most = {"flight": [0, 0, 0], "toe": [1e4, 1e4, 0]}.get(phase.name, [1e4, 1e4, 1e4])
+        torque = np.array([joint.torque_nm for joint in self.mechanics.joints])
+        most = 1e4 * np.array(CARRIED[phase.name])
+        least = np.where(np.arange(most.size) % 3 == 0, -most, 0.0)
         weight = self.robot.mass_kg * self.robot.gravity_m_s2
-        force = np.minimum([0.0, weight / 2, weight / 2], most)
-        zero = np.zeros(6)
-        starts = [(pose, zero, zero, np.zeros(3), force, 10.0) for pose in poses.T]
+        force = np.minimum(np.resize([0.0, weight / 2, weight / 2], most.size), most)
+        zero = np.zeros(size)
+        starts = [(pose, zero, zero, np.zeros(hinges), force, 10.0) for pose in poses.T]
         found = self.options.start
         if found is not None:
             cells = self.law.pack.cells if self.law.pack is not None else 1
@@ -226,8 +244,8 @@ class Problem:
             points["q"].append(self.variable(low, high, np.clip(q, low, high), SIZES["q"], 0.3))
             points["v"].append(self.variable(-fast, fast, v, SIZES["v"]))
             points["a"].append(self.variable(-hard, hard, a, SIZES["a"]))
-            points["t"].append(torque * self.variable(-np.ones(3), 1, t))
-            points["f"].append(self.variable([-most[0], 0, 0], most, f, SIZES["f"]))
+            points["t"].append(torque * self.variable(-np.ones(hinges), 1, t))
+            points["f"].append(self.variable(least, most, f, SIZES["f"]))
             if self.cell is not None:
                 points["p"].append(self.variable(-1e3, 2e3, p, SIZES["p"], self.options.reach_w))
                 rest = np.array(self.cell.rest)
@@ -262,10 +280,11 @@ class Problem:
             following = advance(state[:, :-1], power[:, :-1], state[:, 1:], power[:, 1:], steps)
             self.require(state[:, 1:] - following)
             if first:
-                self.require(state[:, 0] - ca.DM(self.cell.rest))
+                kept = self.cell.lasting if self.apart else slice(None)
+                self.require(state[kept, 0] - ca.DM(self.cell.rest)[kept])
         least_v = points["ccv"] - points.get("half", 0)
         for sign in (1, -1):
-            self.require((ca.repmat(least_v, 3, 1) + sign * voltage) / 10, 0, math.inf)
+            self.require((ca.repmat(least_v, voltage.shape[0], 1) + sign * voltage) / 10, 0, math.inf)
 
     def _correction_v(self, rows: slice) -> NDArray[np.float64]:
         """What the law adds to the voltage of a cell at rows of a motion."""
@@ -292,6 +311,13 @@ class Problem:
             return
         self.require(after["v"] - before["v"])
         self.require((after["t"] - before["t"]) / 10)
+
+    def energy_kj(self) -> Any:
+        """The energy that the bus gives."""
+        out: Any = 0.0
+        for phase, span, point in zip(self.phases, self.spans, self.points):
+            out += span * self.ca.dot(point["bus"], self.ca.DM(phase.weights).T) / 1e3
+        return out
 
     def solve(self, cost: Any) -> Motion:
         """The motion of least cost.
@@ -363,11 +389,13 @@ class Problem:
                 cell_v = cell_v + self.law.correction_v[:count]
             margin_low_v, margin_high_v = cell_v - pack.window_v[0], pack.window_v[1] - cell_v
         bus_w, ccv_v = at["bus"].ravel(), at["ccv"].ravel()
-        joint_w = self.robot.legs * at["torque"] * np.asarray(joint_angles(self.ca.DM(at["v"])))
+        turns = np.asarray(self.mechanics.angles(self.ca.DM(at["v"])))
+        joint_w = at["torque"] * turns * np.array(self.mechanics.counts)[:, np.newaxis]
         return Motion(
             goal=self.goal,
             law=self.law.name,
             robot=self.robot,
+            apart=self.apart,
             time_s=np.concatenate(times),
             phase=phases,
             q=at["q"].T,

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 from .._eisbench import EisError
-from .._optional import optional
+from ._mechanics import Body, Foot, Hinge, Mechanics, Way, casadi
 
-#: Joints in the order of every column: the angle of the upper body less that of the lower, or the opposite.
+#: Joints of a leg in the order of columns: dorsiflexion of the ankle, flexion of knee and hip.
 JOINTS = ("ankle", "knee", "hip")
-SIGNS = (1, -1, 1)
-
-
-def casadi() -> Any:
-    """CasADi, whose wheel contains IPOPT."""
-    return optional("casadi", "'eisbench[motion]'")
 
 
 def positive(owner: object, *zero: str) -> None:
@@ -97,12 +90,8 @@ _HIP = Joint(6.0, 68.0, 45.0, 0.2222, 0.1715, 5.548e-4, -0.3, 2.4)
 
 @dataclass(frozen=True)
 class Robot:
-    """A planar robot with both legs as one: foot, shank, thigh, trunk. Links of the leg and motors
-    are those of one leg; ``legs`` counts them.
-
-    The coordinates are the place of the toe and the angles of foot, shank, thigh and trunk from upright,
-    positive forwards.
-    """
+    """A planar robot: foot, shank, thigh, trunk. Links of the leg and motors are those of one leg;
+    ``legs`` counts them. They move as one, or two of them apart (:meth:`mechanics`)."""
 
     foot: Link = _FOOT
     shank: Link = _SHANK
@@ -117,6 +106,7 @@ class Robot:
     ground_friction: float = 0.7
     electronics_w: float = 80.0
     trunk_lean_rad: float = 1.0
+    clearance_m: float = 0.03
     gravity_m_s2: float = 9.81
 
     def __post_init__(self) -> None:
@@ -132,109 +122,72 @@ class Robot:
         """Length of the foot, heel to toe."""
         return self.toe_m + self.heel_m
 
-    def bodies(self) -> list[tuple[float, float, list[tuple[float, float]]]]:
-        """Of each body, from the foot: mass, inertia, and the vectors along the bodies from the toe to
-        its centre of mass."""
-        ankle = (-self.toe_m, self.foot.length_m)
-        links = (self.foot, self.shank, self.thigh, self.trunk)
-        joints = [ankle, *((0.0, link.length_m) for link in links[1:3])]
-        out: list[tuple[float, float, list[tuple[float, float]]]] = []
-        for k, link in enumerate(links):
-            count = 1 if link is self.trunk else self.legs
-            com = (link.ahead_m, link.com_m)
-            if k == 0:
-                com = (com[0] - self.toe_m, com[1])
-            out.append((count * link.mass_kg, count * link.inertia_kg_m2, [*joints[:k], com]))
-        return out
+    def mechanics(self, apart: bool = False) -> Mechanics:
+        """Equations of motion with the coordinates: place of the toe, angles of foot, shank, thigh, trunk.
+
+        With legs that move ``apart``, these are of the leg that stands; angles of thigh, shank and foot of
+        the other follow.
+        """
+        if apart and self.legs != 2:
+            raise EisError(f"Robot.legs: expected 2 to walk, met {self.legs!r}")
+        count = 1 if apart else self.legs
+        foot, shank, thigh, trunk = (
+            (link.ahead_m, link.com_m) for link in (self.foot, self.shank, self.thigh, self.trunk)
+        )
+        ankle: Way = [(2, (-self.toe_m, self.foot.length_m))]
+        knee: Way = [*ankle, (3, (0.0, self.shank.length_m))]
+        hip: Way = [*knee, (4, (0.0, self.thigh.length_m))]
+        shoulders: Way = [*hip, (5, (0.0, self.trunk.length_m))]
+        heel: Way = [(2, (-self.foot_m, 0.0))]
+        links = [
+            (self.foot, 2, [(2, (foot[0] - self.toe_m, foot[1]))]),
+            (self.shank, 3, [*ankle, (3, shank)]),
+            (self.thigh, 4, [*knee, (4, thigh)]),
+        ]
+        hinges = [
+            Hinge("ankle", self.ankle, 1, 3, 2, count),
+            Hinge("knee", self.knee, -1, 4, 3, count),
+            Hinge("hip", self.hip, 1, 5, 4, count),
+        ]
+        feet, outline = [Foot([], heel)], [heel, [], ankle, knee, hip, shoulders]
+        if apart:
+            # Downwards from the hip, each vector by the angle of its own body.
+            other_knee: Way = [*hip, (6, (0.0, -self.thigh.length_m))]
+            other_ankle: Way = [*other_knee, (7, (0.0, -self.shank.length_m))]
+            toe: Way = [*other_ankle, (8, (self.toe_m, -self.foot.length_m))]
+            other_heel: Way = [*other_ankle, (8, (-self.heel_m, -self.foot.length_m))]
+            above = (0.0, -self.foot.length_m)
+            links += [
+                (self.thigh, 6, [*other_knee, (6, thigh)]),
+                (self.shank, 7, [*other_ankle, (7, shank)]),
+                (self.foot, 8, [*other_ankle, (8, above), (8, foot)]),
+            ]
+            hinges += [
+                Hinge("swing_hip", self.hip, 1, 5, 6, 1),
+                Hinge("swing_knee", self.knee, -1, 6, 7, 1),
+                Hinge("swing_ankle", self.ankle, 1, 7, 8, 1),
+            ]
+            feet.append(Foot(toe, other_heel))
+            outline += [hip, other_knee, other_ankle, toe, other_heel]
+        bodies = [
+            Body(count * link.mass_kg, count * link.inertia_kg_m2, angle, way)
+            for link, angle, way in links
+        ]
+        trunk_body = Body(self.trunk.mass_kg, self.trunk.inertia_kg_m2, 5, [*hip, (5, trunk)])
+        bodies.insert(3, trunk_body)
+        return Mechanics(bodies, hinges, feet, outline, self.gravity_m_s2)
 
     @property
     def mass_kg(self) -> float:
         """Mass of the whole robot."""
-        return sum(mass for mass, _, _ in self.bodies())
+        return self.mechanics().mass_kg
 
     @property
     def standing_m(self) -> float:
         """Height of the centre of mass of the upright robot with straight legs."""
-        return sum(m * sum(z for _, z in way) for m, _, way in self.bodies()) / self.mass_kg
+        of = self.mechanics()
+        return sum(b.mass_kg * sum(d[1] for _, d in b.way) for b in of.bodies) / of.mass_kg
 
     def functions(self) -> dict[str, Any]:
-        """CasADi functions of the coordinates q, speeds v, accelerations a, torques of one leg and
-        forces of the ground on the robot (along it, up at the toe, up at the heel).
-
-        ``dynamics``: (q, v, a, torque, force) → residual, N and Nm. ``blow``: (q, change of v, blow)
-        → residual of the inelastic landing, Ns. ``com``: (q, v) → place and speed of the centre of
-        mass, and angular momentum about it. ``shape``: (q) → heel, toe, ankle, knee, hip, shoulders.
-        ``motors``: (v, torque) → current and voltage of a motor, and power of all motors of a joint.
-        """
-        ca = casadi()
-        q, v, a = (ca.SX.sym(name, 6) for name in "qva")
-        torque, force = ca.SX.sym("torque", 3), ca.SX.sym("force", 3)
-        motions = self._residual(q, v, a, torque, force, self.gravity_m_s2)
-        blow = self._residual(q, ca.DM.zeros(6), a, ca.DM.zeros(3), force, 0.0)
-        places: list[Any] = []
-        speeds: list[Any] = []
-        masses: list[float] = []
-        spin: Any = 0
-        for k, (mass, inertia, way) in enumerate(self.bodies()):
-            masses.append(mass / self.mass_kg)
-            places.append(q[:2] + sum(turned(q[2 + j], d) for j, d in enumerate(way)))
-            speeds.append(v[:2] + sum(v[2 + j] * crossed(q[2 + j], d) for j, d in enumerate(way)))
-            spin += inertia * v[2 + k]
-        place, speed = (ca.mtimes(ca.horzcat(*each), ca.DM(masses)) for each in (places, speeds))
-        for share, at, moving in zip(masses, places, speeds):
-            arm, rate = at - place, moving - speed
-            spin += share * self.mass_kg * (arm[1] * rate[0] - arm[0] * rate[1])
-        corners = [q[:2] + turned(q[2], (-self.foot_m, 0.0)), q[:2]]
-        for k, d in enumerate([*self.bodies()[3][2][:3], (0.0, self.trunk.length_m)]):
-            corners.append(corners[-1] + turned(q[2 + k], d))
-        turns = joint_angles(v)
-        motors = [j.motor(torque[k], turns[k]) for k, j in enumerate(self.joints)]
-        columns = [ca.vertcat(*column) for column in zip(*motors)]
-        columns[2] *= self.legs
-        return {
-            "dynamics": ca.Function("dynamics", [q, v, a, torque, force], [motions]),
-            "blow": ca.Function("blow", [q, a, force], [blow]),
-            "com": ca.Function("com", [q, v], [place, speed, spin]),
-            "shape": ca.Function("shape", [q], [ca.horzcat(*corners)]),
-            "motors": ca.Function("motors", [v, torque], columns),
-        }
-
-    def _residual(self, q: Any, v: Any, a: Any, torque: Any, force: Any, gravity: float) -> Any:
-        """Lagrange's equations: inertia and weight less torques and forces of the ground."""
-        ca = casadi()
-        out = [-force[0], -force[1] - force[2], 0, 0, 0, 0]
-        for k, (mass, inertia, way) in enumerate(self.bodies()):
-            push = a[:2] + ca.vertcat(0, gravity)
-            for j, d in enumerate(way):
-                push += crossed(q[2 + j], d) * a[2 + j] - turned(q[2 + j], d) * v[2 + j] ** 2
-            push *= mass
-            out[0] += push[0]
-            out[1] += push[1]
-            out[2 + k] += inertia * a[2 + k]
-            for j, d in enumerate(way):
-                out[2 + j] += ca.dot(push, crossed(q[2 + j], d))
-        for k, (joint, sign) in enumerate(zip(self.joints, SIGNS)):
-            rotor = joint.gear**2 * joint.rotor_kg_m2 * (a[3 + k] - a[2 + k])
-            turn = self.legs * (rotor - sign * torque[k])
-            out[3 + k] += turn
-            out[2 + k] -= turn
-        heel = crossed(q[2], (-self.foot_m, 0.0))
-        out[2] -= heel[1] * force[2]
-        return ca.vertcat(*out)
-
-
-def turned(angle: Any, d: Sequence[float]) -> Any:
-    """A vector that is fixed to a body, ahead and up, in the plane."""
-    ca = casadi()
-    c, s = ca.cos(angle), ca.sin(angle)
-    return ca.vertcat(d[0] * c + d[1] * s, d[1] * c - d[0] * s)
-
-
-def crossed(angle: Any, d: Sequence[float]) -> Any:
-    """The derivative of :func:`turned` by the angle."""
-    return turned(angle, (d[1], -d[0]))
-
-
-def joint_angles(q: Any) -> Any:
-    """Angles, or speeds, of the joints, a row each: dorsiflexion of the ankle, flexion of knee and hip."""
-    return casadi().vertcat(*(sign * (q[3 + k, :] - q[2 + k, :]) for k, sign in enumerate(SIGNS)))
+        """CasADi functions of the robot with both legs as one (:meth:`Mechanics.functions`)."""
+        return self.mechanics().functions()

@@ -54,11 +54,85 @@ def gap(robot: Robot, law: Law, length_m: float, options: Optional[Options] = No
     problem.require(points["v"][3:, -1])
     problem.require(points["a"][3:, -1] / 10)
     problem.require(points["q"][3:, -1] - problem.points[0]["q"][3:, 0])
-    energy_kj: Any = 0.0
-    for phase, span, point in zip(problem.phases, problem.spans, problem.points):
-        mean_w = problem.ca.dot(point["bus"], problem.ca.DM(phase.weights).T)
-        energy_kj += span * mean_w / 1e3
-    return problem.solve(energy_kj)
+    return problem.solve(problem.energy_kj())
+
+
+def walk(robot: Robot, law: Law, speed_m_s: float, options: Optional[Options] = None) -> Motion:
+    """The gait at a mean speed that takes the least energy per metre: one step, after which legs, and the
+    branches of the cell, are as at its start with legs exchanged.
+
+    The step begins with both feet on the ground, the rear one on its toe (``double``); then that leg swings
+    ahead (``single``), and lands flat and without impact. The standing foot stays flat.
+    Raises EisError if the solver finds none: the speed may be out of reach.
+    """
+    if not 0 < speed_m_s < math.inf:
+        raise EisError(f"walk: speed_m_s: expected a positive speed, met {speed_m_s!r}")
+    problem = Problem(robot, _law(law), options or Options(), f"walk {speed_m_s} m/s", apart=True)
+    ca, foot, asked = problem.ca, problem.f["foot"], problem.options
+    guess_m = min(0.15 + 0.25 * speed_m_s, 0.45)
+    whole_s = guess_m / speed_m_s
+    begin, lifted, end = (
+        _standing(robot, share * guess_m, toe_m * guess_m, angle)
+        for share, toe_m, angle in ((-0.5, -1, 0.0), (-0.3, -1, 0.3), (0.5, 1, 0.0))
+    )
+    double = problem.phase(
+        Phase("double", asked.double, 0.01, 1.0, 0.2 * whole_s), begin, lifted
+    )
+    count = double["q"].shape[1]
+    _, _, slip, heel = foot.map(count)(double["q"], double["v"], double["a"])
+    problem.require(slip / 10)
+    problem.require(heel[1, :], 0, math.inf)
+    single = problem.phase(Phase("single", asked.single, 0.05, 3.0, 0.8 * whole_s), lifted, end)
+    count = single["q"].shape[1]
+    toe, speed, _, heel = foot.map(count)(single["q"], single["v"], single["a"])
+    share = np.linspace(0, 1, count)
+    clear_m = ca.DM(4 * robot.clearance_m * share * (1 - share)).T
+    problem.require(toe[1, 1:-1] - clear_m[1:-1], 0, math.inf)
+    problem.require(heel[1, 1:-1] - clear_m[1:-1], 0, math.inf)
+    # The foot lands flat, at rest.
+    step_m = toe[0, -1]
+    problem.require(ca.vertcat(toe[1, -1], single["q"][8, -1]))
+    problem.require(ca.vertcat(speed[:, -1], single["v"][8, -1]))
+    # The legs change their roles: the angles from shank to other foot, and all torques, in reversed order.
+    for key, first, scale in (("q", 3, 1), ("v", 3, 1), ("t", 0, 10)):
+        begun, ended = double[key][first:, 0], single[key][:, -1]
+        rows = begun.numel()
+        problem.require((begun - ended[::-1][max(first - 2, 0) :][:rows]) / scale)
+    if problem.cell is not None:
+        settled = problem.cell.lasting.stop
+        problem.require(double["x"][settled:, 0] - single["x"][settled:, -1])
+    problem.require(step_m - speed_m_s * (problem.spans[0] + problem.spans[1]))
+    problem.require(step_m, 0.02, math.inf)
+    return problem.solve(problem.energy_kj() / step_m)
+
+
+def _standing(robot: Robot, hip_m: float, toe_m: float, angle_rad: float) -> list[float]:
+    """Coordinates with the first foot flat, the hip ``hip_m`` before its ankle, the second toe ``toe_m``
+    before the first, and an angle of its foot; trunk upright."""
+    shank_m, thigh_m = robot.shank.length_m, robot.thigh.length_m
+    hip = np.array([hip_m, 0.92 * (shank_m + thigh_m)])
+
+    def leg(from_ankle: Any) -> list[float]:
+        """Angles of shank and thigh, with the knee ahead."""
+        reach = min(float(np.hypot(*from_ankle)), 0.999 * (shank_m + thigh_m))
+        tilt = math.atan2(from_ankle[0], from_ankle[1])
+        ankle = (shank_m**2 + reach**2 - thigh_m**2) / (2 * shank_m * reach)
+        top = (thigh_m**2 + reach**2 - shank_m**2) / (2 * thigh_m * reach)
+        return [tilt + math.acos(ankle), tilt - math.acos(top)]
+
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    ahead, up = -robot.toe_m, robot.foot.length_m
+    lifted = np.array([ahead * c + up * s, up * c - ahead * s]) - [ahead, up]
+    shank, thigh = leg(hip)
+    other_shank, other_thigh = leg(hip - [toe_m, 0] - lifted)
+    return [0, 0, 0, shank, thigh, 0, other_thigh, other_shank, angle_rad]
+
+
+def _law(law: Law) -> Law:
+    if not isinstance(law, Law):  # pyright: ignore[reportUnnecessaryIsInstance]
+        expected = "expected Free, PowerLimit, SimpleIR or Transient"
+        raise EisError(f"law: {expected}, met {law!r}")
+    return law
 
 
 def _take_off(
@@ -66,10 +140,7 @@ def _take_off(
 ) -> tuple[Problem, Any, Any]:
     """Stance and flight until the foot is flat on the ground ``ahead_m`` further; the rise of the centre
     of mass above that of the upright robot, and the time to its highest point."""
-    if not isinstance(law, Law):  # pyright: ignore[reportUnnecessaryIsInstance]
-        expected = "expected Free, PowerLimit, SimpleIR or Transient"
-        raise EisError(f"law: {expected}, met {law!r}")
-    problem = Problem(robot, law, options or Options(), goal)
+    problem = Problem(robot, _law(law), options or Options(), goal)
     asked, ahead = problem.options, np.array([ahead_m, 0, 0, 0, 0, 0])
     start = problem.phase(Phase("flat", asked.flat, 0.05, 1.0, 0.3), CROUCH, CROUCH)
     problem.require(start["v"][3:, 0])
