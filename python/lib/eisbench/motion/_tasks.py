@@ -13,6 +13,8 @@ from ._problem import Options, Phase, Problem
 from ._result import Motion
 from ._robot import Robot
 
+#: Price of a height that is missed.
+MISSED_S_PER_M = 10.0
 #: Poses of the built-in start: toe, and the angles of foot, shank, thigh and trunk.
 CROUCH = (0.0, 0.0, 0.0, 0.6, -0.9, 0.5)
 PUSHED = (0.0, 0.0, 0.5, 0.2, -0.1, 0.1)
@@ -36,8 +38,17 @@ def jump_to(robot: Robot, law: Law, height_m: float, options: Optional[Options] 
     if not 0 < height_m < math.inf:
         raise EisError(f"jump_to: height_m: expected a positive height, met {height_m!r}")
     problem, rise_m, rising_s = _take_off(robot, law, options, f"jump_to {height_m} m", 0.0)
-    problem.require(rise_m, height_m, height_m)
-    return problem.solve(rising_s)
+    # A height that may be missed at a price above all times keeps the solver from points where it finds no
+    # way to the height.
+    missed_m = problem.variable(0.0, math.inf, height_m, reach=0.0)
+    problem.require(rise_m + missed_m - height_m, 0.0, math.inf)
+    found = problem.solve(rising_s + MISSED_S_PER_M * missed_m)
+    if found.height_m < height_m - 1e-4:
+        raise EisError(
+            f"{found.goal}: not solved, the highest that was found is {found.height_m:.3f} m; ask for less, "
+            "relax a limit or use another start (Options.seed)"
+        )
+    return found
 
 
 def gap(robot: Robot, law: Law, length_m: float, options: Optional[Options] = None) -> Motion:
