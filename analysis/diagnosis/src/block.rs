@@ -697,6 +697,7 @@ mod tests {
             temperature_degc: 25.0,
             orders: 0.0,
             span_s: 0.0,
+            held_out: None,
         };
         let erm = Erm {
             r_ohm: R_OHM,

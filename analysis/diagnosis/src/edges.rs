@@ -232,6 +232,7 @@ mod tests {
         temperature_degc: 25.0,
         orders: 0.0,
         span_s: 0.0,
+        held_out: None,
     };
 
     #[test]

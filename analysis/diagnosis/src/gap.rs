@@ -12,6 +12,7 @@ use super::prepare::Prepared;
 use super::problem::{Fit, Problem};
 use super::structure::At;
 use super::time_block::TimeBlock;
+use analysis_effects::contract::HeldOutError;
 use analysis_model::model::Erm;
 
 /// The fits that are held against the model file.
@@ -63,19 +64,48 @@ fn beside_edges(problem: &Problem, block: usize, time: &TimeBlock) -> Vec<bool> 
 /// Returns the root mean square of prediction less measurement over the kept samples of a record,
 /// V; about the mean if the level is free.
 fn missed_v(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> f64 {
+    rms(misses_v(time, predicted_v, keep).into_iter())
+}
+
+/// Returns prediction less measurement at the kept samples of a record, V; about the mean if the level is
+/// free.
+fn misses_v(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> Vec<f64> {
     let measured_v = &time.voltage_v[time.compared()];
     let all: Vec<f64> = predicted_v
         .iter()
         .zip(measured_v)
         .map(|(p, m)| p - m)
         .collect();
-    let missed: Vec<f64> = kept(&all, keep).collect();
-    let level_v = if time.level_sigma_v > 0.0 {
-        missed.iter().sum::<f64>() / missed.len().max(1) as f64
-    } else {
-        0.0
-    };
-    rms(missed.iter().map(|v| v - level_v))
+    let mut missed: Vec<f64> = kept(&all, keep).collect();
+    if time.level_sigma_v > 0.0 {
+        let level_v = missed.iter().sum::<f64>() / missed.len().max(1) as f64;
+        missed.iter_mut().for_each(|v| *v -= level_v);
+    }
+    missed
+}
+
+/// Returns the largest miss at the kept samples of a record over the movement of the predicted voltage.
+fn share(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> f64 {
+    let moved_v = HeldOutError::moved_v(predicted_v);
+    let missed = misses_v(time, predicted_v, keep).into_iter();
+    let shares = missed.zip(kept(&moved_v, keep));
+    shares.fold(0.0, |most, (missed, moved)| most.max(missed.abs() / moved))
+}
+
+/// Returns the error that the gaps of held-out records show; `None` without any, or if one is not a number.
+pub fn held_out_error(gaps: &[Gap]) -> Option<HeldOutError> {
+    let shares = gaps.iter().map(|gap| gap.augmented_share);
+    let share = shares.reduce(|most, share| {
+        if share > most || share.is_nan() {
+            share
+        } else {
+            most
+        }
+    })?;
+    share.is_finite().then_some(HeldOutError {
+        runs: gaps.len(),
+        share,
+    })
 }
 
 fn kept<'a>(values: &'a [f64], keep: &'a [bool]) -> impl Iterator<Item = f64> + 'a {
@@ -125,6 +155,7 @@ pub(super) fn gaps(
             augmented_with_edges_mv,
             floor_with_edges_mv,
             edge_samples: beside.iter().filter(|b| !**b).count(),
+            augmented_share: share(time, &predicted[2], &beside),
         });
     }
     gaps

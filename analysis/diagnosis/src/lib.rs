@@ -69,7 +69,7 @@ pub use diagnose::Outcome;
 pub use distinguish::distinguish;
 pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
 pub use findings::{Finding, FindingKind};
-pub use gap::rms_mv;
+pub use gap::{held_out_error, rms_mv};
 pub use gate::diagnose;
 pub use given::ByHand;
 pub use options::DiagnosisOptions;

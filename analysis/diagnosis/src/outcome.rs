@@ -359,6 +359,9 @@ pub struct Gap {
     pub floor_with_edges_mv: f64,
     /// Samples at edges.
     pub edge_samples: usize,
+    /// Largest miss with the named effects beside edges, over the movement of the voltage
+    /// ([`HeldOutError`]).
+    pub augmented_share: f64,
 }
 
 /// The same for a held-out spectrum, root mean square of |ΔZ|/|Z|.

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use analysis::{
-    contract::Group,
+    contract::{Facts, Group},
     dataset,
-    diagnosis::{Outcome, report::Picture},
+    diagnosis::{Outcome, held_out_error, report::Picture},
     fit::{Addition, MAX_RC, OrderSelection, RefusedPoint},
     formats::read_file,
     forward::{OcvSource, SimModel},
@@ -250,17 +250,22 @@ pub fn write_augmented(
             "model_augmented.json",
             d.augmented.as_ref(),
             carried(d.additions(BY), base),
+            held_out_error(&d.gap),
         ),
         (
             "model_predictive.json",
             predictive,
             d.predictive_additions(BY),
+            d.predictive
+                .as_ref()
+                .and_then(|predictive| held_out_error(&predictive.gap)),
         ),
     ];
-    for (name, erm, additions) in models {
+    for (name, erm, additions, held_out) in models {
         let (Some(erm), Some(facts), false) = (erm, outcome.facts, additions.is_empty()) else {
             continue;
         };
+        let facts = Facts { held_out, ..facts };
         let text = base
             .clone()
             .with_additions(erm.clone(), facts, additions)

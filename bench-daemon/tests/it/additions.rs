@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use crate::support::{program_in, project};
+use crate::support::{json as read_json, program_in, project};
 
 /// Returns the thesis' 1-RC model with an OCV curve, once unchanged and once with a warming cell
 /// and a current channel that reads too little.
@@ -67,6 +67,32 @@ fn models() -> tempfile::TempDir {
     )
     .unwrap();
     folder
+}
+
+#[test]
+fn a_diagnosed_model_has_the_band_of_its_held_out_runs() {
+    let folder = models();
+    let band = |model: &str| {
+        let words = ["simulate", "--model", model, "--profile", "pulse.csv", "--soc", "0.6"];
+        let ended = program_in(folder.path(), &[&words[..], &["--json"]].concat());
+        let found: Value = serde_json::from_str(&ended.stdout).unwrap();
+        (found["band"].clone(), found["notes"].to_string())
+    };
+    assert_eq!(band("warm.json").0, Value::Null, "no runs were held out");
+    let mut model = read_json(&folder.path().join("warm.json"));
+    model["facts"]["held_out"] = json!({ "runs": 9, "share": 0.03 });
+    std::fs::write(folder.path().join("known.json"), model.to_string()).unwrap();
+    let (found, notes) = band("known.json");
+    assert_eq!(found["probability"], 0.9);
+    // 3 % of some 0.4 V under 30 A, and of 20 mV.
+    let most_v = found["most_half_v"].as_f64().unwrap();
+    assert!((0.005..0.02).contains(&most_v), "{most_v}");
+    assert!(notes.contains("with a probability of 90 % "), "{notes}");
+    assert!(notes.contains("as the 9 held-out runs of the diagnosis do"), "{notes}");
+    model["facts"]["held_out"]["share"] = json!(0.06);
+    std::fs::write(folder.path().join("known.json"), model.to_string()).unwrap();
+    let twice_v = band("known.json").0["most_half_v"].as_f64().unwrap();
+    assert!((twice_v / most_v - 2.0).abs() < 1e-9);
 }
 
 #[test]

@@ -13,7 +13,9 @@ pub use branch::{Branch, Law, Ramp};
 pub use equation::{Equation, Relaxation};
 pub use network::Network;
 pub use quantity::{Parameter, Range, Scale, Usual};
-pub use situation::{Base, CommonModeImpedance, Facts, Instant, Modulation, Moved, Point, Record};
+pub use situation::{
+    Base, CommonModeImpedance, Facts, HeldOutError, Instant, Modulation, Moved, Point, Record,
+};
 
 /// Place of an effect: in the cell or in the bench.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

@@ -43,6 +43,44 @@ pub struct Facts {
     pub orders: f64,
     /// Span of the runs' start times, s.
     pub span_s: f64,
+    /// Error of the predictions of held-out runs; none without such runs, and in older files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held_out: Option<HeldOutError>,
+}
+
+/// Error of the predictions of runs in which nothing was fitted.
+///
+/// A run of another sample of the same kind is inside the band of all n runs with a probability of n/(n + 1),
+/// because its own share is as likely as any other to be the largest (split conformal prediction, Vovk 2005).
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeldOutError {
+    /// Number of runs.
+    pub runs: usize,
+    /// Half width of the band that holds all of them, over [`HeldOutError::moved_v`].
+    pub share: f64,
+}
+
+impl HeldOutError {
+    /// Movement of a voltage that has not moved, V: so much of the error is there at rest.
+    const STILL_V: f64 = 0.02;
+
+    /// Returns how far the voltages of a run have moved at each row: the largest distance from the first so
+    /// far, V, and 20 mV.
+    pub fn moved_v(voltage_v: &[f64]) -> Vec<f64> {
+        let mut most_v = 0.0_f64;
+        let moved = |v: &f64| {
+            most_v = most_v.max((v - voltage_v[0]).abs());
+            most_v + Self::STILL_V
+        };
+        voltage_v.iter().map(moved).collect()
+    }
+
+    /// Returns the probability with which the band holds a whole run.
+    pub fn probability(&self) -> f64 {
+        let runs = self.runs as f64;
+        runs / (runs + 1.0)
+    }
 }
 
 impl Facts {
@@ -58,6 +96,7 @@ impl Facts {
         temperature_degc: 25.0,
         orders: 0.0,
         span_s: 0.0,
+        held_out: None,
     };
 
     /// Longest time that anything in the data lasts, s: a record or a period.

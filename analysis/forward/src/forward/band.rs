@@ -8,6 +8,7 @@
 use super::law::Demand;
 use super::model::SimModel;
 use super::trace::Trace;
+use analysis_effects::contract::HeldOutError;
 use analysis_model::map::{Instant, RUN_PROBABILITY, Unmeasured};
 use analysis_numeric::stats::chi_factor;
 use serde::Serialize;
@@ -20,11 +21,15 @@ pub enum RunError<'a> {
     /// The parameters of a fit: their number, and the standard deviation of the voltage of a cell at each
     /// row, at the demand of the row, V.
     Parameters(usize, &'a [f64]),
+    /// What a diagnosis has left unexplained in held-out runs.
+    HeldOut(HeldOutError),
 }
 
 /// Band that holds the mean voltage of a cell over a whole run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunBand {
+    /// Probability that it holds a whole run.
+    pub probability: f64,
     /// Half width at each row of the trace, V.
     #[serde(skip)]
     pub half_v: Vec<f64>,
@@ -49,6 +54,9 @@ impl RunBand {
         error: RunError<'_>,
         cell_share: f64,
     ) -> Option<Self> {
+        if let RunError::HeldOut(error) = error {
+            return Self::of_held_out(model, trace, demand, error, cell_share);
+        }
         let losses_v = lasting_losses_v(model, trace);
         let (terms, own_v, unmeasured_v): (usize, Vec<f64>, Vec<f64>) = match error {
             RunError::Map => {
@@ -66,6 +74,7 @@ impl RunBand {
             RunError::Parameters(count, sigma_v) => {
                 (count, sigma_v.to_vec(), vec![0.0; sigma_v.len()])
             }
+            RunError::HeldOut(_) => return None,
         };
         if own_v.len() != trace.time_s.len() || own_v.is_empty() {
             return None;
@@ -82,6 +91,28 @@ impl RunBand {
                 sigmas * (measured * own_v).hypot(others_v * growth(trace, demand, k))
             })
             .collect();
+        Self::around(trace, half_v, RUN_PROBABILITY)
+    }
+
+    /// The band by the largest misses of held-out runs. The cells scatter beside it.
+    fn of_held_out(
+        model: &SimModel,
+        trace: &Trace,
+        demand: Demand,
+        error: HeldOutError,
+        cell_share: f64,
+    ) -> Option<Self> {
+        let moved_v = HeldOutError::moved_v(&trace.cell_v);
+        let of_cells = chi_factor(RUN_PROBABILITY, 1.0) * cell_share;
+        let rows = moved_v.iter().zip(lasting_losses_v(model, trace));
+        let half_v = rows.enumerate().map(|(k, (moved_v, loss_v))| {
+            (error.share * moved_v + of_cells * loss_v) * growth(trace, demand, k)
+        });
+        Self::around(trace, half_v.collect(), error.probability())
+    }
+
+    /// A band of half widths, V, around a run; `None` without rows, or if a row has none.
+    fn around(trace: &Trace, half_v: Vec<f64>, probability: f64) -> Option<Self> {
         let (mut area_vs, mut all_s) = (0.0, 0.0);
         for (times, halves) in trace.time_s.windows(2).zip(half_v.windows(2)) {
             let step_s = times[1] - times[0];
@@ -93,6 +124,7 @@ impl RunBand {
             rows.map(move |(cell_v, half_v)| cell_v + sign * half_v)
         };
         let band = Self {
+            probability,
             mean_half_v: area_vs / all_s,
             most_half_v: half_v.iter().copied().fold(0.0, f64::max),
             lowest_v: edges(-1.0).fold(f64::INFINITY, f64::min),
@@ -248,6 +280,28 @@ mod tests {
         let mut deep = trace();
         deep.ccv_v[1] = 3.7;
         assert_eq!(share(&deep, Demand::Power), None);
+    }
+
+    #[test]
+    fn what_held_out_runs_show_grows_with_the_movement_of_the_voltage() {
+        let error = HeldOutError {
+            runs: 4,
+            share: 0.05,
+        };
+        let band = |demand, cell_share| {
+            let error = RunError::HeldOut(error);
+            RunBand::new(&model(), &trace(), demand, error, cell_share).unwrap()
+        };
+        let held = band(Demand::Current, 0.0);
+        assert_eq!(held.probability, 0.8);
+        // 20 mV at the start; the largest movement of 0.7 V stays.
+        for (half_v, expected) in held.half_v.iter().zip([0.02, 0.72, 0.72]) {
+            assert!((half_v - 0.05 * expected).abs() < 1e-12);
+        }
+        let power = band(Demand::Power, 0.0);
+        assert!((power.half_v[1] / held.half_v[1] - 6.0 / 4.6).abs() < 1e-9);
+        let cells = band(Demand::Current, 0.02).half_v[1] - held.half_v[1];
+        assert!((cells - 3.841_459_f64.sqrt() * 0.02 * 0.7).abs() < 1e-8);
     }
 
     #[test]

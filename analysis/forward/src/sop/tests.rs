@@ -291,6 +291,7 @@ fn augmented(kept: Vec<Kept>) -> SimModel {
         temperature_degc: 25.0,
         orders: 0.0,
         span_s: 0.0,
+        held_out: None,
     };
     let OcvSource::Curve(ocv) = straight() else {
         panic!("a curve")

@@ -28,6 +28,8 @@ pub(super) struct Uncertainty {
     pub(super) slopes_v: Vec<f64>,
     /// Whether the band contains the uncertainty of fitted parameters.
     is_of_fit: bool,
+    /// Held-out runs of the diagnosis that the band holds.
+    held_out_runs: Option<usize>,
 }
 
 impl Uncertainty {
@@ -53,9 +55,14 @@ impl Uncertainty {
                 ..Self::default()
             });
         }
-        // With additions, the fit's parameters are incomplete.
+        // With additions, the fit's parameters are incomplete; the diagnosis has predicted other runs.
         if !file.additions.is_empty() {
-            return Ok(Self::default());
+            let held_out = file.facts.and_then(|facts| facts.held_out);
+            return Ok(Self {
+                band: held_out.and_then(|error| band(RunError::HeldOut(error))),
+                held_out_runs: held_out.map(|error| error.runs),
+                ..Self::default()
+            });
         }
         // Steps as fine as the ones that error control took on average, but not more than a quarter of
         // a million.
@@ -85,6 +92,7 @@ impl Uncertainty {
             lowest_sigma_v: Some(sigma_v(covariance, &slopes_v)).filter(|v| v.is_finite()),
             slopes_v,
             is_of_fit: true,
+            held_out_runs: None,
         })
     }
 
@@ -97,6 +105,12 @@ impl Uncertainty {
         } else {
             ""
         };
+        let of_runs = self.held_out_runs.map(|runs| match runs {
+            1 => "as the held-out run of the diagnosis does, for a run of its kind".to_owned(),
+            _ => {
+                format!("as the {runs} held-out runs of the diagnosis do, for a run of their kind")
+            }
+        });
         let shown = match map.and_then(|map| map.voltage_error.as_ref()) {
             Some(error) => match error.from {
                 ErrorSource::HeldOut => "as held-out logs show, above 10 % of charge",
@@ -109,11 +123,14 @@ impl Uncertainty {
                 "by the uncertainty of the fitted parameters and the scatter of --sigma-r, without what \
                 the model lacks"
             }
-            None => "by the scatter of --sigma-r alone",
+            None => of_runs
+                .as_deref()
+                .unwrap_or("by the scatter of --sigma-r alone"),
         };
         Some(format!(
-            "{profile}: with a probability of 95 % the voltage of a cell stays over the whole run within \
+            "{profile}: with a probability of {:.0} % the voltage of a cell stays over the whole run within \
             ± {:.0} mV of the prediction (mean; at most ± {:.0} mV), and so above {:.3} V, {unmeasured}{shown}",
+            1e2 * band.probability,
             1e3 * band.mean_half_v,
             1e3 * band.most_half_v,
             band.lowest_v

@@ -207,6 +207,7 @@ pub(super) fn explained() -> Diagnosis {
                 augmented_with_edges_mv: 13.1,
                 floor_with_edges_mv: 14.2,
                 edge_samples: 6,
+                augmented_share: 0.04,
             },
         ],
         gap_spectra: vec![SpectrumGap {

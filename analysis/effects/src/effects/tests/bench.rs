@@ -41,6 +41,7 @@ fn base() -> Base {
         temperature_degc: 25.0,
         orders: 5.0,
         span_s: 3600.0,
+        held_out: None,
     };
     Base { erm, ocv, facts }
 }

@@ -41,6 +41,7 @@ fn base() -> Base {
         temperature_degc: 25.0,
         orders: 20.0,
         span_s: 20_000.0,
+        held_out: None,
     };
     Base {
         erm,

@@ -20,6 +20,7 @@ const FACTS: Facts = Facts {
     temperature_degc: 25.0,
     orders: 5.0,
     span_s: 3600.0,
+    held_out: None,
 };
 
 fn plain() -> ModelFile {

@@ -21,6 +21,7 @@ fn base(erm: Erm) -> Base {
         temperature_degc: 25.0,
         orders: 3.0,
         span_s: 1e4,
+        held_out: None,
     };
     Base {
         erm,

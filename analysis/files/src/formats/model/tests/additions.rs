@@ -44,6 +44,7 @@ pub(super) fn augmented(effects: &[(&str, &[f64])]) -> (Augmented, CellModel) {
         temperature_degc: 25.0,
         orders: 3.0,
         span_s: 1000.0,
+        held_out: None,
     };
     let base = Base {
         erm: cell.erm.clone(),
