@@ -321,6 +321,34 @@ def test_the_band_of_a_map_grows_with_the_fall_of_its_resistance(tmp_path):
     assert 0.052 < fallen[1] < math.hypot(0.05, 0.2 / 3)
 
 
+def test_a_diagnosed_model_has_the_band_of_its_held_out_runs(model, tmp_path):
+    whole = json.loads(model._model.to_json())
+    fields = {"evidence": dict.fromkeys(("held_out_gap_before_v", "held_out_gap_after_v")), "data_set": "d"}
+    fields["evidence"] |= {"text": "a test", "lambda": 1.0, "score": 1.0}
+    heat = {"name": "g_per_j", "value": 2e-4, "sigma": None, "unit": "1/J"}
+    tau = {"name": "tau_s", "value": 600.0, "sigma": None, "unit": "s"}
+    named = {"name": "self_heating", "title": "Joule self-heating", "group": "cell"}
+    whole["additions"] = [{**named, "parameters": [heat, tau], "added_by": "t", **fields}]
+    facts = {"longest_s": 60.0, "shortest_s": 0.1, "greatest_a": 40.0, "widest_soc": 0.1, "soc": 0.5}
+    facts |= {"lowest_hz": 0.1, "highest_hz": 300.0, "temperature_c": 25.0, "orders": 0.0, "span_s": 0.0}
+    plain = {key: whole[key] for key in ("name", "ocv", "additions")}
+    plain["r_ohm"] = model.r_ohm
+    plain["branches"] = [{"r_ohm": b.r_ohm, "c_f": b.c_f} for b in model.branches]
+
+    def pack(facts):
+        file = tmp_path / "diagnosed.json"
+        file.write_text(json.dumps({**plain, "facts": facts}))
+        return motion.Pack(eb.Model.read(file), series=16, parallel=3, soc=0.2)
+
+    known = pack({**facts, "held_out": {"runs": 4, "share": 0.05}})
+    assert _error_v(known) == pytest.approx((0.001, 0.05))
+    bare = motion.jump(ROBOT, motion.Transient(known), COARSE)
+    edge = motion.jump(ROBOT, motion.Transient(known, sigmas=1.0), replace(COARSE, start=bare))
+    assert edge.height_m < bare.height_m - 0.001
+    with pytest.raises(eb.EisError, match="or with additions and held-out runs, met none"):
+        motion.jump(ROBOT, motion.Transient(pack(facts), sigmas=1.0), COARSE)
+
+
 def test_a_map_at_its_temperature(tmp_path):
     pack = mapped(tmp_path)
     lowest_v = []
@@ -424,10 +452,10 @@ def test_a_faster_gait_takes_more_power_and_a_weak_pack_limits_it(model, pack):
     slow, fast = (motion.walk(ROBOT, law, speed, small) for speed in (0.6, 1.6))
     power_w = [found.energy_j / found.time_s[-1] for found in (slow, fast)]
     assert power_w[1] > 1.5 * power_w[0] and fast.ccv_v.min() < slow.ccv_v.min()
-    weak = motion.Pack(model, series=16, parallel=1, soc=0.1, ageing=3.0)
+    weak = motion.Pack(model, series=16, parallel=1, soc=0.05, ageing=4.0)
     held = motion.walk(ROBOT, motion.Transient(weak), 1.6, small)
-    assert held.margin_low_v.min() > -1e-6
-    assert held.bus_w.max() < fast.bus_w.max() - 100
+    assert -1e-6 < held.margin_low_v.min() < 1e-3, "the cell limits"
+    assert held.bus_w.max() < fast.bus_w.max() - 20
     with pytest.raises(eb.EisError, match="walk 9 m/s: not solved"):
         motion.walk(ROBOT, motion.Free(), 9, replace(small, max_iterations=150))
     with pytest.raises(eb.EisError, match="walk: speed_m_s: expected a positive speed"):

@@ -17,6 +17,8 @@ from .._model import Model
 from ._mechanics import casadi
 
 
+#: Movement of a voltage that has not moved, by which the error of held-out runs counts, V.
+STILL_V = 0.02
 #: How far a motion may move the state of charge of a cell.
 CHARGE_REACH = 0.1
 
@@ -151,7 +153,8 @@ class Transient(Law):
     Beyond ``p0_share`` of the most power that there is the voltage follows its tangent, so that the
     solver can pass through powers that no cell can give; without ``tangent`` such a power has no
     voltage. With ``sigmas``, the window holds for the band of that many standard deviations around the
-    predicted voltage, by the error that a map states, and the motors get its lower edge.
+    predicted voltage, by the error that a map states, and the motors get its lower edge; for a model that a
+    diagnosis has augmented, it is that many times the band of the held-out runs.
     ``correction_v``, V, is added to the voltage of a cell at each point of a motion of equal intervals:
     what a replay of an earlier plan had less the voltage of the model there, its own correction left out.
     """
@@ -218,7 +221,14 @@ class SimpleIR(Transient):
 def _error_v(pack: Pack) -> tuple[float, float]:
     """Standard deviation of the voltage of a cell in a whole run: at rest at the start, V, and its growth
     as a share of the overpotential, under a current of one second that would take the cell to its lower
-    limit if the resistance did not fall under current."""
+    limit if the resistance did not fall under current.
+
+    For a model with additions the half width of the band of its held-out runs, which `simulate` documents.
+    """
+    whole = json.loads(pack.model._model.to_json())
+    held_out = (whole.get("facts") or {}).get("held_out")
+    if pack.model.additions and held_out:
+        return STILL_V * held_out["share"], held_out["share"]
 
     def error_under(current_a: float) -> tuple[float, float, Any]:
         """Standard deviation at rest, V, its growth, and the run."""
@@ -229,7 +239,8 @@ def _error_v(pack: Pack) -> tuple[float, float]:
             ambient_c=pack.ambient_degc,
         )
         if "cell_sigma_v" not in run.columns:
-            message = "Transient.sigmas: expected a model with a map that states its error, met none"
+            expected = "a model with a map that states its error, or with additions and held-out runs"
+            message = f"Transient.sigmas: expected {expected}, met none"
             raise EisError(message)
         sigma_v, loss_v = run["cell_sigma_v"], run["ocv_v"] - run["cell_v"]
         most = int(np.argmax(loss_v))
@@ -241,8 +252,7 @@ def _error_v(pack: Pack) -> tuple[float, float]:
     start_v = float(run["cell_v"][0])
     most_a = (start_v - pack.window_v[0]) / (start_v - float(run["cell_v"].min()))
     _, of_all, _ = error_under(max(1.0, most_a))
-    error = json.loads(pack.model._model.to_json())["map"]["voltage_error"]
-    whole_runs = error.get("whole_runs", 1.0)
+    whole_runs = whole["map"]["voltage_error"].get("whole_runs", 1.0)
     of_fall = math.sqrt(max(of_all**2 - of_resistances**2, 0.0))
     return whole_runs * rest_v, math.hypot(whole_runs * of_resistances, of_fall)
 

@@ -97,7 +97,8 @@ def walk(robot: Robot, law: Law, speed_m_s: float, options: Optional[Options] = 
     count = single["q"].shape[1]
     toe, speed, _, heel = foot.map(count)(single["q"], single["v"], single["a"])
     share = np.linspace(0, 1, count)
-    clear_m = ca.DM(4 * robot.clearance_m * share * (1 - share)).T
+    # It leaves the ground and lands at rest, so that the height has no slope there.
+    clear_m = ca.DM(16 * robot.clearance_m * (share * (1 - share)) ** 2).T
     problem.require(toe[1, 1:-1] - clear_m[1:-1], 0, math.inf)
     problem.require(heel[1, 1:-1] - clear_m[1:-1], 0, math.inf)
     # The foot lands flat, at rest.
