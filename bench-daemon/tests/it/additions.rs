@@ -73,7 +73,15 @@ fn models() -> tempfile::TempDir {
 fn a_diagnosed_model_has_the_band_of_its_held_out_runs() {
     let folder = models();
     let band = |model: &str| {
-        let words = ["simulate", "--model", model, "--profile", "pulse.csv", "--soc", "0.6"];
+        let words = [
+            "simulate",
+            "--model",
+            model,
+            "--profile",
+            "pulse.csv",
+            "--soc",
+            "0.6",
+        ];
         let ended = program_in(folder.path(), &[&words[..], &["--json"]].concat());
         let found: Value = serde_json::from_str(&ended.stdout).unwrap();
         (found["band"].clone(), found["notes"].to_string())
@@ -88,7 +96,10 @@ fn a_diagnosed_model_has_the_band_of_its_held_out_runs() {
     let most_v = found["most_half_v"].as_f64().unwrap();
     assert!((0.005..0.02).contains(&most_v), "{most_v}");
     assert!(notes.contains("with a probability of 90 % "), "{notes}");
-    assert!(notes.contains("as the 9 held-out runs of the diagnosis do"), "{notes}");
+    assert!(
+        notes.contains("as the 9 held-out runs of the diagnosis do"),
+        "{notes}"
+    );
     model["facts"]["held_out"]["share"] = json!(0.06);
     std::fs::write(folder.path().join("known.json"), model.to_string()).unwrap();
     let twice_v = band("known.json").0["most_half_v"].as_f64().unwrap();
