@@ -360,7 +360,7 @@ pub struct Gap {
     /// Samples at edges.
     pub edge_samples: usize,
     /// Largest miss with the named effects beside edges, over the movement of the voltage
-    /// ([`HeldOutError`]).
+    /// ([`HeldOutError`](analysis_effects::contract::HeldOutError)).
     pub augmented_share: f64,
 }
 

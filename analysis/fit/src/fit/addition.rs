@@ -4,7 +4,7 @@
 use super::schema::JsonError;
 use analysis_effects::{
     augmented::{Augmented, Kept},
-    contract::{Base, Facts, Group, Scale},
+    contract::{Base, Facts, Group, HeldOutError, Scale},
     effects::find,
 };
 use analysis_model::{model::Erm, ocv::OcvCurve};
@@ -79,6 +79,11 @@ pub(crate) fn augmented(
         .cloned()
         .ok_or(lacks("ocv, the OCV curve of the model"))?;
     let facts = facts.ok_or(lacks("facts, what the data of the additions reach"))?;
+    if let Some(HeldOutError { runs, share }) = facts.held_out
+        && (runs == 0 || share.is_nan() || share < 0.0)
+    {
+        return Err(JsonError::HeldOut { runs, share });
+    }
     let base = Base {
         erm: erm.clone(),
         ocv,

@@ -62,6 +62,16 @@ pub enum JsonError {
         /// The field that is missing.
         what: &'static str,
     },
+    /// An error of held-out runs that cannot be.
+    #[error(
+        "model file: facts: held_out: expected runs of 1 or more and a share of 0 or more, met {runs} and {share}"
+    )]
+    HeldOut {
+        /// Number of runs met.
+        runs: usize,
+        /// Share met.
+        share: f64,
+    },
     /// An addition that this program does not know.
     #[error(
         "model file: additions: expected the name of an effect of the catalogue (`eis-bench \

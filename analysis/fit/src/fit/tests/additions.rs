@@ -2,7 +2,7 @@
 
 use super::exact;
 use crate::fit::{Addition, AdditionEvidence, AdditionParameter, FitOptions, ModelFile, fit_erm};
-use analysis_effects::contract::{Facts, Group};
+use analysis_effects::contract::{Facts, Group, HeldOutError};
 use analysis_model::{
     model::{Erm, RcBranch},
     ocv::OcvCurve,
@@ -153,6 +153,19 @@ fn additions_that_the_catalogue_does_not_know_are_refused() {
                 ..with(vec![slow()])
             },
             "expected beside them ocv, the OCV curve of the model, met none",
+        ),
+        (
+            ModelFile {
+                facts: Some(Facts {
+                    held_out: Some(HeldOutError {
+                        runs: 2,
+                        share: -0.1,
+                    }),
+                    ..FACTS
+                }),
+                ..with(vec![slow()])
+            },
+            "held_out: expected runs of 1 or more and a share of 0 or more, met 2 and -0.1",
         ),
         (
             ModelFile {
