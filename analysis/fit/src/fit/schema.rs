@@ -64,7 +64,8 @@ pub enum JsonError {
     },
     /// An error of held-out runs that cannot be.
     #[error(
-        "model file: facts: held_out: expected runs of 1 or more and a share of 0 or more, met {runs} and {share}"
+        "model file: additions: expected facts.held_out with 1 run or more and a share of 0 or more, met {runs} \
+        and {share}"
     )]
     HeldOut {
         /// Number of runs met.

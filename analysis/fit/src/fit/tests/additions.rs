@@ -165,7 +165,7 @@ fn additions_that_the_catalogue_does_not_know_are_refused() {
                 }),
                 ..with(vec![slow()])
             },
-            "held_out: expected runs of 1 or more and a share of 0 or more, met 2 and -0.1",
+            "expected facts.held_out with 1 run or more and a share of 0 or more, met 2 and -0.1",
         ),
         (
             ModelFile {
