@@ -225,10 +225,11 @@ def _error_v(pack: Pack) -> tuple[float, float]:
 
     For a model with additions the half width of the band of its held-out runs, which `simulate` documents.
     """
-    whole = json.loads(pack.model._model.to_json())
-    held_out = (whole.get("facts") or {}).get("held_out")
-    if pack.model.additions and held_out:
-        return STILL_V * held_out["share"], held_out["share"]
+    whole: dict[str, Any] = json.loads(pack.model._model.to_json())
+    facts: dict[str, Any] = whole.get("facts") or {}
+    if pack.model.additions and facts.get("held_out"):
+        share = float(facts["held_out"]["share"])
+        return STILL_V * share, share
 
     def error_under(current_a: float) -> tuple[float, float, Any]:
         """Standard deviation at rest, V, its growth, and the run."""
