@@ -383,6 +383,28 @@ def test_equal_legs_apart_are_both_as_one():
         motion.walk(replace(ROBOT, legs=4), motion.Free(), 0.5)
 
 
+@pytest.mark.parametrize("apart", [False, True])
+def test_forces_of_the_ground_act_at_toes_and_heels(apart):
+    of = ROBOT.mechanics(apart)
+    functions, rng = of.functions(), np.random.default_rng(5)
+    q, zeros = rng.uniform(-1, 1, of.size), np.zeros(of.size)
+    slack, count = np.zeros(len(of.hinges)), 3 * len(of.feet)
+
+    def residual(force):
+        return np.asarray(functions["dynamics"](q, zeros, zeros, slack, force)).ravel()
+
+    # Corner of the drawing and direction of each force; its work is that of the virtual displacement.
+    acts = [(1, 0), (1, 1), (0, 1), (9, 0), (9, 1), (10, 1)][:count]
+    for k, (corner, axis) in enumerate(acts):
+        pulled = residual(np.eye(count)[k]) - residual(np.zeros(count))
+        moved = [
+            (functions["shape"](q + 1e-6 * e) - functions["shape"](q - 1e-6 * e)) / 2e-6
+            for e in np.eye(of.size)
+        ]
+        expected = [-float(np.asarray(each)[axis, corner]) for each in moved]
+        assert np.abs(pulled - expected).max() < 1e-8, (k, corner)
+
+
 @pytest.fixture(scope="module")
 def gait(pack):
     return motion.walk(ROBOT, motion.Transient(pack), 0.8, motion.Options(double=6, single=12))
