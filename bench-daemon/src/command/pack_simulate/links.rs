@@ -26,16 +26,14 @@ pub(super) fn read(path: &Path, pack: Pack) -> Result<Links, Failure> {
         Failure::Usage(format!("{}, line {line}: {reason}", path.display()))
     };
     let known = ["from", "to", "ohm", "heat_j_per_k"];
-    let columns = read.columns.iter().map(String::as_str);
-    let mut places = known.map(|name| read.column(name)).into_iter();
-    let (Some(Some(from)), Some(Some(to)), Some(Some(ohm)), heat) =
-        (places.next(), places.next(), places.next(), places.next())
-    else {
+    let [from, to, ohm, heat] = known.map(|name| read.column(name));
+    let (Some(from), Some(to), Some(ohm)) = (from, to, ohm) else {
         let found = read.columns.join(",");
         let reason = format!("expected a header with from, to, ohm, found {found:?}");
         return Err(fail(read.header_line, &reason));
     };
-    if let Some(unknown) = columns.into_iter().find(|name| !known.contains(name)) {
+    let mut columns = read.columns.iter();
+    if let Some(unknown) = columns.find(|name| !known.contains(&name.as_str())) {
         let reason = format!(
             "expected the columns {}, found {unknown:?}",
             known.join(", ")
@@ -54,7 +52,7 @@ pub(super) fn read(path: &Path, pack: Pack) -> Result<Links, Failure> {
             };
             row.number(column).ok_or_else(|| fail(row.line, &reason()))
         };
-        let heat = heat.flatten().filter(|heat| !row.field(*heat).is_empty());
+        let heat = heat.filter(|heat| !row.field(*heat).is_empty());
         links.push(Link {
             from: row.field(from).to_owned(),
             to: row.field(to).to_owned(),
