@@ -345,6 +345,10 @@ def test_a_diagnosed_model_has_the_band_of_its_held_out_runs(model, tmp_path):
     bare = motion.jump(ROBOT, motion.Transient(known), COARSE)
     edge = motion.jump(ROBOT, motion.Transient(known, sigmas=1.0), replace(COARSE, start=bare))
     assert edge.height_m < bare.height_m - 0.001
+    # The heat of a push-off, in joules, is not bounded as a voltage of 1 V is.
+    assert np.abs(bare.state - bare.state[0]).max() > 1.5
+    with pytest.raises(eb.EisError, match="walk: expected a model without additions"):
+        motion.walk(ROBOT, motion.Transient(known), 0.8)
     with pytest.raises(eb.EisError, match="or with additions and held-out runs, met none"):
         motion.jump(ROBOT, motion.Transient(pack(facts), sigmas=1.0), COARSE)
 

@@ -321,8 +321,10 @@ class Cell:
         self.rest = rest
         #: Rows of the state that a gait changes from step to step: charge, and temperature.
         self.lasting = slice(0, 2 if more else 1)
-        #: How far a state may go from rest: the temperature by 100 K, a voltage by 1 V.
-        self.wide = [CHARGE_REACH, *(1.0 for _ in rest[1:])]
+        #: How far a state may go from rest: the temperature by 100 K, a voltage by 1 V. States of additions,
+        #: such as a heat, have other units and no bound.
+        most = math.inf if pack.model.additions else 1.0
+        self.wide = [CHARGE_REACH, *(most for _ in rest[1:])]
         if more:
             self.wide[1] = 100.0
         cell_v = voltage_v + share_ohm * current_a

@@ -78,7 +78,11 @@ def walk(robot: Robot, law: Law, speed_m_s: float, options: Optional[Options] = 
     """
     if not 0 < speed_m_s < math.inf:
         raise EisError(f"walk: speed_m_s: expected a positive speed, met {speed_m_s!r}")
-    problem = Problem(robot, _law(law), options or Options(), f"walk {speed_m_s} m/s", apart=True)
+    pack = _law(law).pack
+    if pack is not None and pack.model.additions:
+        met = ", ".join(pack.model.additions)
+        raise EisError(f"walk: expected a model without additions, whose states may not repeat, met {met}")
+    problem = Problem(robot, law, options or Options(), f"walk {speed_m_s} m/s", apart=True)
     ca, foot, asked = problem.ca, problem.f["foot"], problem.options
     guess_m = min(0.15 + 0.25 * speed_m_s, 0.45)
     whole_s = guess_m / speed_m_s
