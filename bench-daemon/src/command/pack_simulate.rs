@@ -40,7 +40,9 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let cell = cell(&model, &start.ocv, thermal.ambient_degc)?;
     let pack = args.pack.pack()?;
     let links = args.links.as_deref();
-    let links = links.map(|path| links::read(path, pack)).transpose()?;
+    let links = links
+        .map(|path| links::read_links(path, pack))
+        .transpose()?;
     let setup = ScatterSetup {
         cell: &cell,
         map: model.map.as_ref(),
@@ -76,7 +78,7 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
         files::write_text(out, "pack.json", &format!("{json}\n"))?;
         draws::write(out, &met)?;
         if let Some(loads) = &met.identical.links {
-            links::write(out, loads)?;
+            links::write_loads(out, loads)?;
         }
         picture::write(out, &setup, &met)?;
     }

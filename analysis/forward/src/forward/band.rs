@@ -54,9 +54,6 @@ impl RunBand {
         error: RunError<'_>,
         cell_share: f64,
     ) -> Option<Self> {
-        if let RunError::HeldOut(error) = error {
-            return Self::of_held_out(model, trace, demand, error, cell_share);
-        }
         let losses_v = lasting_losses_v(model, trace);
         let (terms, own_v, unmeasured_v): (usize, Vec<f64>, Vec<f64>) = match error {
             RunError::Map => {
@@ -74,7 +71,9 @@ impl RunBand {
             RunError::Parameters(count, sigma_v) => {
                 (count, sigma_v.to_vec(), vec![0.0; sigma_v.len()])
             }
-            RunError::HeldOut(_) => return None,
+            RunError::HeldOut(error) => {
+                return Self::of_held_out(trace, demand, error, &losses_v, cell_share);
+            }
         };
         if own_v.len() != trace.time_s.len() || own_v.is_empty() {
             return None;
@@ -91,28 +90,29 @@ impl RunBand {
                 sigmas * (measured * own_v).hypot(others_v * growth(trace, demand, k))
             })
             .collect();
-        Self::around(trace, half_v, RUN_PROBABILITY)
+        Self::of_half_widths(trace, half_v, RUN_PROBABILITY)
     }
 
-    /// The band by the largest misses of held-out runs. The cells scatter beside it.
+    /// The band by the largest misses of held-out runs. The cells scatter beside it, by a share of the
+    /// overpotentials, V.
     fn of_held_out(
-        model: &SimModel,
         trace: &Trace,
         demand: Demand,
         error: HeldOutError,
+        losses_v: &[f64],
         cell_share: f64,
     ) -> Option<Self> {
         let moved_v = HeldOutError::moved_v(&trace.cell_v);
         let of_cells = chi_factor(RUN_PROBABILITY, 1.0) * cell_share;
-        let rows = moved_v.iter().zip(lasting_losses_v(model, trace));
+        let rows = moved_v.iter().zip(losses_v);
         let half_v = rows.enumerate().map(|(k, (moved_v, loss_v))| {
             (error.share * moved_v + of_cells * loss_v) * growth(trace, demand, k)
         });
-        Self::around(trace, half_v.collect(), error.probability())
+        Self::of_half_widths(trace, half_v.collect(), error.probability())
     }
 
     /// A band of half widths, V, around a run; `None` without rows, or if a row has none.
-    fn around(trace: &Trace, half_v: Vec<f64>, probability: f64) -> Option<Self> {
+    fn of_half_widths(trace: &Trace, half_v: Vec<f64>, probability: f64) -> Option<Self> {
         let (mut area_vs, mut all_s) = (0.0, 0.0);
         for (times, halves) in trace.time_s.windows(2).zip(half_v.windows(2)) {
             let step_s = times[1] - times[0];

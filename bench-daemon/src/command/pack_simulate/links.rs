@@ -19,7 +19,7 @@ const PRINTED: usize = 5;
 ///
 /// # Errors
 /// A table that cannot be read, or links that are no pack.
-pub(super) fn read(path: &Path, pack: Pack) -> Result<Links, Failure> {
+pub(super) fn read_links(path: &Path, pack: Pack) -> Result<Links, Failure> {
     let read = table::Table::read(path, table::Hash::Comment)
         .map_err(|error| Failure::Usage(format!("--links {error}")))?;
     let fail = |line: usize, reason: &str| {
@@ -67,7 +67,7 @@ pub(super) fn read(path: &Path, pack: Pack) -> Result<Links, Failure> {
 }
 
 /// Prints the links with the most heat, and the hottest path.
-pub(super) fn print(loads: &LinkLoads, equivalent_ohm: f64) {
+pub(super) fn print_loads(loads: &LinkLoads, equivalent_ohm: f64) {
     let all_j: f64 = loads.links.iter().map(|load| load.heat_j).sum();
     say!(
         "  identical cells: {} links, as {:.2} mΩ in series with the pack; the most heat:",
@@ -101,7 +101,7 @@ pub(super) fn print(loads: &LinkLoads, equivalent_ohm: f64) {
 ///
 /// # Errors
 /// A file that cannot be written.
-pub(super) fn write(out: &Path, loads: &LinkLoads) -> Result<(), Failure> {
+pub(super) fn write_loads(out: &Path, loads: &LinkLoads) -> Result<(), Failure> {
     let mut text = "from,to,ohm,largest_a,heat_j,rise_k\n".to_owned();
     for load in &loads.links {
         let number = |value: f64| format!("{value:.6}");

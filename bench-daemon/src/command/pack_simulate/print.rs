@@ -77,7 +77,7 @@ pub(super) fn print(r: &PackReport, setup: &ScatterSetup<'_>, packs: Option<&[Ve
     );
     print_temperatures(r);
     if let (Some(loads), Some(ohm)) = (&r.identical.links, r.links_ohm) {
-        links::print(loads, ohm);
+        links::print_loads(loads, ohm);
     }
     let [low, high] = r.leaving_interval_95;
     say!(

@@ -5,8 +5,13 @@
 //! L·φ = Σ(Eₖ/Rₖ)·(1₊ − 1₋) − I·1_pack₊, so that φ = φ_open − I·φ_unit: the pack is a source of φ_open at
 //! `pack+` behind φ_unit there.
 
+mod loads;
+mod path;
+
+pub(super) use loads::LinkWatch;
+pub use loads::{LinkLoad, LinkLoads};
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Least resistance of a link, Ω: less is lost in the rounding of the equations.
@@ -96,6 +101,8 @@ pub struct Links {
     ends: Vec<[usize; 2]>,
     /// Terminals of each cell, − and +, group by group.
     cells: Vec<[usize; 2]>,
+    /// Groups in series.
+    series: u32,
 }
 
 impl Links {
@@ -119,7 +126,7 @@ impl Links {
         }
         let mut ends = Vec::new();
         for (index, link) in links.iter().enumerate() {
-            check(index, link)?;
+            check_link(index, link)?;
             let mut number = |name: &str| {
                 if let Some(number) = numbers.get(name) {
                     return Ok(*number);
@@ -150,9 +157,10 @@ impl Links {
             nodes,
             ends,
             cells,
+            series,
         };
         met.check_paths()?;
-        met.check_at_rest(series)?;
+        met.check_at_rest()?;
         Ok(met)
     }
 
@@ -168,20 +176,14 @@ impl Links {
             vec![0.0; self.cells.len()],
             vec![cell_ohm; self.cells.len()],
         );
-        let Some(solved) = self.solve(None, &zeros, &each_ohm) else {
+        let mut recent = Recent::default();
+        let Some(solved) = self.solve(&mut recent, &zeros, &each_ohm) else {
             return f64::NAN;
         };
         // In groups that share their busbars, each has cell_ohm/P.
-        let series = self.open_cells();
+        let series = f64::from(self.series);
         let parallel = self.cells.len() as f64 / series;
         solved.source().1 - series / parallel * cell_ohm
-    }
-
-    /// Returns the cells in series by the open-circuit voltage of equal cells of 1 V.
-    fn open_cells(&self) -> f64 {
-        let ones = vec![1.0; self.cells.len()];
-        self.solve(None, &ones, &ones)
-            .map_or(f64::NAN, |solved| solved.source().0)
     }
 
     fn check_paths(&self) -> Result<(), LinksError> {
@@ -207,14 +209,15 @@ impl Links {
     }
 
     /// Checks that equal cells rest without a load, and that as many as the pack has lie in series.
-    fn check_at_rest(&self, series: u32) -> Result<(), LinksError> {
-        let ones = vec![1.0; self.cells.len()];
-        let Some(solved) = self.solve(None, &ones, &ones) else {
+    fn check_at_rest(&self) -> Result<(), LinksError> {
+        let (series, ones) = (self.series, vec![1.0; self.cells.len()]);
+        let mut recent = Recent::default();
+        let Some(solved) = self.solve(&mut recent, &ones, &ones) else {
             let met = f64::NAN;
             return Err(LinksError::Series { series, met });
         };
         let (mut cell_a, mut link_a) = (ones.clone(), vec![0.0; self.count()]);
-        self.currents(&solved, &ones, 0.0, &mut cell_a, &mut link_a);
+        self.write_currents(solved, &ones, 0.0, &mut cell_a, &mut link_a);
         let largest = |a: &usize, b: &usize| cell_a[*a].abs().total_cmp(&cell_a[*b].abs());
         if let Some(most) = (0..cell_a.len()).max_by(largest)
             && cell_a[most].abs() > AT_REST
@@ -231,17 +234,14 @@ impl Links {
     }
 
     /// Solves for the voltages of the nodes, from the voltages, V, and the resistances, Ω, of the cells; a
-    /// solution for the same resistances spares their factors. `None` if the equations have no solution.
-    pub(super) fn solve(
+    /// recent solution for the same resistances spares their factors. `None` if the equations have no solution.
+    pub(super) fn solve<'s>(
         &self,
-        before: Option<Solved>,
+        recent: &'s mut Recent,
         e_v: &[f64],
         behind_ohm: &[f64],
-    ) -> Option<Solved> {
-        let mut solved = match before.filter(|before| before.behind_ohm == behind_ohm) {
-            Some(solved) => solved,
-            None => self.factor(behind_ohm)?,
-        };
+    ) -> Option<&'s Solved> {
+        let solved = recent.find(behind_ohm, || self.factorise(behind_ohm))?;
         let sources = self.cells.iter().zip(e_v).zip(behind_ohm);
         let mut open_v = DVector::zeros(self.nodes.len() - 1);
         for (([minus, plus], e_v), r_ohm) in sources {
@@ -258,7 +258,7 @@ impl Links {
     }
 
     /// The Laplacian without the row and column of `pack-`, and its solution for 1 A into `pack+`.
-    fn factor(&self, behind_ohm: &[f64]) -> Option<Solved> {
+    fn factorise(&self, behind_ohm: &[f64]) -> Option<Solved> {
         let size = self.nodes.len() - 1;
         let mut laplacian = DMatrix::zeros(size, size);
         let links = self
@@ -292,7 +292,7 @@ impl Links {
 
     /// Writes the currents of cells (discharge positive) and of links, A, under a current of the pack, from
     /// the voltages of the cells that were solved, V.
-    pub(super) fn currents(
+    pub(super) fn write_currents(
         &self,
         solved: &Solved,
         e_v: &[f64],
@@ -318,76 +318,10 @@ impl Links {
         let links = self.links.iter().zip(link_a);
         links.map(|(link, i)| link.r_ohm * i * i).sum()
     }
-
-    /// Returns the hottest path: of all that follow the current from `pack-` to `pack+`, its nodes on the one
-    /// whose links have the most heat together.
-    fn hottest_path(&self, cell_a: &[f64], link_a: &[f64]) -> Vec<usize> {
-        // The current of a cell leaves its plus terminal, and enters the pack at `pack-`.
-        let cells = self
-            .cells
-            .iter()
-            .zip(cell_a)
-            .map(|(ends, i)| (ends, *i, 0.0));
-        let links = self.links.iter().zip(&self.ends).zip(link_a);
-        let links = links.map(|((link, ends), i)| (ends, *i, link.r_ohm * i * i));
-        let all: Vec<(&[usize; 2], f64, f64)> = cells.chain(links).collect();
-        let entering = |([a, b], i, _): &(&[usize; 2], f64, f64)| {
-            i * (f64::from(*a == MINUS) - f64::from(*b == MINUS))
-        };
-        let backwards = all.iter().map(entering).sum::<f64>() < 0.0;
-        let mut away = vec![Vec::new(); self.nodes.len()];
-        for ([a, b], i, heat_w) in all {
-            let (from, to) = if (i < 0.0) == backwards {
-                (a, b)
-            } else {
-                (b, a)
-            };
-            away[*from].push((*to, heat_w));
-        }
-        let mut search = HottestPath {
-            away,
-            best: vec![None; self.nodes.len()],
-        };
-        search.from(MINUS);
-        let mut path = vec![MINUS];
-        while let Some((_, Some(next))) = path.last().and_then(|node| search.best[*node]) {
-            path.push(next);
-        }
-        path
-    }
-}
-
-/// Search of the hottest path.
-struct HottestPath {
-    /// From each node in the direction of the current: the next node, and the heat on the way, W.
-    away: Vec<Vec<(usize, f64)>>,
-    /// Of each node that was searched the heat to `pack+`, W, −∞ without a way there, and the next node.
-    best: Vec<Option<(f64, Option<usize>)>>,
-}
-
-impl HottestPath {
-    /// Returns the heat from a node to `pack+`, W.
-    fn from(&mut self, node: usize) -> f64 {
-        if node == PLUS {
-            return 0.0;
-        }
-        if let Some((heat_w, _)) = self.best[node] {
-            return heat_w;
-        }
-        // A node is not on its own way: cells that charge each other make circles.
-        self.best[node] = Some((f64::NEG_INFINITY, None));
-        for (next, heat_w) in self.away[node].clone() {
-            let whole_w = heat_w + self.from(next);
-            if self.best[node].is_some_and(|(most_w, _)| whole_w > most_w) {
-                self.best[node] = Some((whole_w, Some(next)));
-            }
-        }
-        self.best[node].map_or(f64::NEG_INFINITY, |(heat_w, _)| heat_w)
-    }
 }
 
 /// Refuses a link that cannot be.
-fn check(index: usize, link: &Link) -> Result<(), LinksError> {
+fn check_link(index: usize, link: &Link) -> Result<(), LinksError> {
     let fail = |expected: &str, met: String| {
         let expected = expected.to_owned();
         Err(LinksError::Link {
@@ -423,6 +357,32 @@ fn is_terminal(name: &str) -> bool {
     })
 }
 
+/// The last two solutions: a step takes the resistances to its end and those of an instant in turn.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Recent([Option<Solved>; 2]);
+
+impl Recent {
+    /// Returns the solution for resistances, Ω, that is known, or else a new one in the place of the older.
+    fn find(
+        &mut self,
+        behind_ohm: &[f64],
+        factorise: impl FnOnce() -> Option<Solved>,
+    ) -> Option<&mut Solved> {
+        let Self([last, older]) = self;
+        let is_known = |solved: &Option<Solved>| {
+            let solved = solved.as_ref();
+            solved.is_some_and(|solved| solved.behind_ohm == behind_ohm)
+        };
+        if !is_known(last) {
+            std::mem::swap(last, older);
+        }
+        if !is_known(last) {
+            *last = factorise();
+        }
+        last.as_mut()
+    }
+}
+
 /// Voltages of the nodes for resistances of the cells.
 #[derive(Debug, Clone)]
 pub(super) struct Solved {
@@ -438,113 +398,6 @@ impl Solved {
     /// Returns the voltage of the pack without a load, V, and its resistance, Ω.
     pub(super) fn source(&self) -> (f64, f64) {
         (self.open_v[PLUS - 1], self.unit_v[PLUS - 1])
-    }
-}
-
-/// Load of a link over a run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct LinkLoad {
-    /// One node.
-    pub from: String,
-    /// The other node.
-    pub to: String,
-    /// Resistance, Ω.
-    pub r_ohm: f64,
-    /// Largest current, A, without sign.
-    pub largest_a: f64,
-    /// Heat, J.
-    pub heat_j: f64,
-    /// Its temperature rise if no heat leaves it, K; `None` without a heat capacity.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rise_k: Option<f64>,
-}
-
-/// Loads of the links of a pack over a run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct LinkLoads {
-    /// Of every link, in the order of the table.
-    pub links: Vec<LinkLoad>,
-    /// Largest current of the pack, A, without sign.
-    pub largest_a: f64,
-    /// Nodes of the hottest path at that instant: of all that follow the current from `pack-` to `pack+`, the
-    /// one whose links have the most heat together.
-    pub hottest_path: Vec<String>,
-}
-
-/// Record of the loads of the links.
-#[derive(Debug, Clone)]
-pub(super) struct LinkWatch<'a> {
-    links: &'a Links,
-    before_a: Vec<f64>,
-    heat_j: Vec<f64>,
-    link_a: Vec<f64>,
-    most_a: f64,
-    /// Currents of cells and links at the largest current of the pack, A.
-    at_most: (Vec<f64>, Vec<f64>),
-}
-
-impl<'a> LinkWatch<'a> {
-    pub(super) fn new(links: &'a Links) -> Self {
-        let zeros = vec![0.0; links.count()];
-        Self {
-            links,
-            before_a: zeros.clone(),
-            heat_j: zeros.clone(),
-            at_most: (vec![0.0; links.cells.len()], zeros.clone()),
-            link_a: zeros,
-            most_a: 0.0,
-        }
-    }
-
-    /// Begins a step.
-    pub(super) fn begin(&mut self, link_a: &[f64]) {
-        self.before_a.copy_from_slice(link_a);
-    }
-
-    /// Adds up the heat of the step that ends.
-    pub(super) fn passed(&mut self, step_s: f64, link_a: &[f64]) {
-        let heats = self.heat_j.iter_mut().zip(&self.links.links);
-        for ((heat_j, link), (before_a, now_a)) in heats.zip(self.before_a.iter().zip(link_a)) {
-            *heat_j += 0.5 * step_s * link.r_ohm * (before_a * before_a + now_a * now_a);
-        }
-    }
-
-    /// Takes an instant into the largest currents.
-    pub(super) fn see(&mut self, pack_a: f64, cell_a: &[f64], link_a: &[f64]) {
-        for (most, now) in self.link_a.iter_mut().zip(link_a) {
-            *most = most.max(now.abs());
-        }
-        if pack_a.abs() > self.most_a {
-            self.most_a = pack_a.abs();
-            self.at_most.0.copy_from_slice(cell_a);
-            self.at_most.1.copy_from_slice(link_a);
-        }
-    }
-
-    /// Returns the loads.
-    pub(super) fn close(self) -> LinkLoads {
-        let of_links = self
-            .links
-            .links
-            .iter()
-            .zip(self.heat_j.iter().zip(&self.link_a));
-        let load = |(link, (heat_j, largest_a)): (&Link, (&f64, &f64))| LinkLoad {
-            from: link.from.clone(),
-            to: link.to.clone(),
-            r_ohm: link.r_ohm,
-            largest_a: *largest_a,
-            heat_j: *heat_j,
-            rise_k: link.heat_j_per_k.map(|capacity| heat_j / capacity),
-        };
-        let path = self.links.hottest_path(&self.at_most.0, &self.at_most.1);
-        LinkLoads {
-            links: of_links.map(load).collect(),
-            largest_a: self.most_a,
-            hottest_path: path
-                .into_iter()
-                .map(|node| self.links.nodes[node].clone())
-                .collect(),
-        }
     }
 }
 

@@ -5,7 +5,7 @@
 //! [`crate::forward::Drive`] gives its current. The current of each cell follows as (Eₖ − V)/Rₖ.
 //! With [`Links`] between the cells the same law holds for the voltages of their nodes.
 
-use super::links::{Links, Solved};
+use super::links::{Links, Recent};
 use super::thermal::ThermalNetwork;
 use crate::forward::{Beyond, Demand, Drive};
 
@@ -55,8 +55,8 @@ impl Look {
 pub(super) struct Sources {
     pub(super) e_v: Vec<f64>,
     pub(super) behind_ohm: Vec<f64>,
-    /// Solution of the links for the last resistances.
-    solved: Option<Solved>,
+    /// Solutions of the links for the last resistances.
+    recent: Recent,
 }
 
 impl Sources {
@@ -65,7 +65,7 @@ impl Sources {
         Self {
             e_v: vec![0.0; cells],
             behind_ohm: vec![0.0; cells],
-            solved: None,
+            recent: Recent::default(),
         }
     }
 }
@@ -81,18 +81,21 @@ impl Wiring<'_> {
         look: &mut Look,
     ) -> bool {
         if let Some(links) = self.links {
-            let before = sources.solved.take();
-            let Some(solved) = links.solve(before, &sources.e_v, &sources.behind_ohm) else {
+            let Sources {
+                e_v: sources_v,
+                behind_ohm,
+                recent,
+            } = sources;
+            let Some(solved) = links.solve(recent, sources_v, behind_ohm) else {
                 return false;
             };
             let (e_v, r_ohm) = solved.source();
             let r_ohm = r_ohm + self.interconnect_ohm;
-            let sound = self.drive(e_v, r_ohm, demand, value, look);
+            let sound = self.apply_demand(e_v, r_ohm, demand, value, look);
             if sound {
                 let (cell_a, link_a) = (&mut look.cell_a, &mut look.link_a);
-                links.currents(&solved, &sources.e_v, look.current_a, cell_a, link_a);
+                links.write_currents(solved, sources_v, look.current_a, cell_a, link_a);
             }
-            sources.solved = Some(solved);
             return sound;
         }
         let width = self.parallel;
@@ -102,7 +105,7 @@ impl Wiring<'_> {
         };
         let whole = groups().map(|(e, r)| group(e, r));
         let (e_v, r_ohm) = whole.fold((0.0, self.interconnect_ohm), |(e, r), g| (e + g.0, r + g.1));
-        if !self.drive(e_v, r_ohm, demand, value, look) {
+        if !self.apply_demand(e_v, r_ohm, demand, value, look) {
             return false;
         }
         let current = look.current_a;
@@ -118,7 +121,14 @@ impl Wiring<'_> {
 
     /// Writes current and voltage of the pack, from its voltage without current, V, and its resistance, Ω.
     /// Returns false if it has no voltage left.
-    fn drive(&self, e_v: f64, r_ohm: f64, demand: Demand, value: f64, look: &mut Look) -> bool {
+    fn apply_demand(
+        &self,
+        e_v: f64,
+        r_ohm: f64,
+        demand: Demand,
+        value: f64,
+        look: &mut Look,
+    ) -> bool {
         if e_v.is_nan() || e_v <= 0.0 {
             return false;
         }

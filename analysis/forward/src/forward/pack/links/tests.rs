@@ -151,10 +151,11 @@ fn currents_add_up_at_every_node() {
     let met = Links::new(sheets(4, 3, 0.0007), 4, 3).unwrap();
     let e_v: Vec<f64> = (0..12).map(|k| 3.6 + 0.01 * f64::from(k % 5)).collect();
     let r_ohm: Vec<f64> = (0..12).map(|k| 0.02 + 0.001 * f64::from(k % 7)).collect();
-    let solved = met.solve(None, &e_v, &r_ohm).unwrap();
+    let mut recent = Recent::default();
+    let solved = met.solve(&mut recent, &e_v, &r_ohm).unwrap();
     let (mut cell_a, mut link_a) = (vec![0.0; 12], vec![0.0; met.count()]);
     let load_a = 50.0;
-    met.currents(&solved, &e_v, load_a, &mut cell_a, &mut link_a);
+    met.write_currents(solved, &e_v, load_a, &mut cell_a, &mut link_a);
     let mut into_a = vec![0.0; met.nodes.len()];
     (into_a[MINUS], into_a[PLUS]) = (load_a, -load_a);
     let all = met
@@ -208,10 +209,11 @@ fn most_w(met: &Links, cell_a: &[f64], link_a: &[f64], node: usize) -> f64 {
 fn the_hottest_path_has_more_heat_than_all_others() {
     let met = Links::new(sheets(3, 4, 0.001), 3, 4).unwrap();
     let (e_v, r_ohm) = ([3.7; 12], [0.02; 12]);
-    let solved = met.solve(None, &e_v, &r_ohm).unwrap();
+    let mut recent = Recent::default();
+    let solved = met.solve(&mut recent, &e_v, &r_ohm).unwrap();
     let (mut cell_a, mut link_a) = ([0.0; 12], vec![0.0; met.count()]);
     for load_a in [50.0, -50.0] {
-        met.currents(&solved, &e_v, load_a, &mut cell_a, &mut link_a);
+        met.write_currents(solved, &e_v, load_a, &mut cell_a, &mut link_a);
         let path = met.hottest_path(&cell_a, &link_a);
         let names: Vec<&str> = path.iter().map(|node| &*met.nodes[*node]).collect();
         assert_eq!((path[0], path.last()), (MINUS, Some(&PLUS)), "{names:?}");
