@@ -85,24 +85,29 @@ fn misses_v(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> Vec<f64> {
 }
 
 /// Returns the largest miss at the kept samples of a record over the movement of the predicted voltage.
-fn share(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> f64 {
+fn largest_share(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> f64 {
     let moved_v = HeldOutError::moved_v(predicted_v);
     let missed = misses_v(time, predicted_v, keep).into_iter();
-    let shares = missed.zip(kept(&moved_v, keep));
-    shares.fold(0.0, |most, (missed, moved)| most.max(missed.abs() / moved))
+    largest(
+        missed
+            .zip(kept(&moved_v, keep))
+            .map(|(missed, moved)| missed.abs() / moved),
+    )
+}
+
+/// Returns the largest of values from 0, not a number if one is none.
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    let is_more = |value: f64, most: f64| value > most || value.is_nan();
+    values.fold(
+        0.0,
+        |most, value| if is_more(value, most) { value } else { most },
+    )
 }
 
 /// Returns the error that the gaps of held-out records show; `None` without any, or if one is not a number.
 pub fn held_out_error(gaps: &[Gap]) -> Option<HeldOutError> {
-    let shares = gaps.iter().map(|gap| gap.augmented_share);
-    let share = shares.reduce(|most, share| {
-        if share > most || share.is_nan() {
-            share
-        } else {
-            most
-        }
-    })?;
-    share.is_finite().then_some(HeldOutError {
+    let share = largest(gaps.iter().map(|gap| gap.augmented_share));
+    (!gaps.is_empty() && share.is_finite()).then_some(HeldOutError {
         runs: gaps.len(),
         share,
     })
@@ -155,7 +160,7 @@ pub(super) fn gaps(
             augmented_with_edges_mv,
             floor_with_edges_mv,
             edge_samples: beside.iter().filter(|b| !**b).count(),
-            augmented_share: share(time, &predicted[2], &beside),
+            augmented_share: largest_share(time, &predicted[2], &beside),
         });
     }
     gaps
