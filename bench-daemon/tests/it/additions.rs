@@ -69,21 +69,18 @@ fn models() -> tempfile::TempDir {
     folder
 }
 
+/// Simulates the pulse from 60 % of charge by a model of the folder.
+fn simulated(folder: &std::path::Path, model: &str) -> Value {
+    let words = ["simulate", "--model", model, "--profile", "pulse.csv"];
+    let state = ["--soc", "0.6", "--json"];
+    program_in(folder, &[&words[..], &state[..]].concat()).json()
+}
+
 #[test]
 fn a_diagnosed_model_has_the_band_of_its_held_out_runs() {
     let folder = models();
     let band = |model: &str| {
-        let words = [
-            "simulate",
-            "--model",
-            model,
-            "--profile",
-            "pulse.csv",
-            "--soc",
-            "0.6",
-        ];
-        let ended = program_in(folder.path(), &[&words[..], &["--json"]].concat());
-        let found: Value = serde_json::from_str(&ended.stdout).unwrap();
+        let found = simulated(folder.path(), model);
         (found["band"].clone(), found["notes"].to_string())
     };
     assert_eq!(band("warm.json").0, Value::Null, "no runs were held out");
@@ -117,18 +114,7 @@ fn commands_honour_additions_or_say_that_they_do_not() {
         }
     };
     let lowest_v = |model: &str| {
-        let (done, text) = run(&[
-            "simulate",
-            "--model",
-            model,
-            "--profile",
-            "pulse.csv",
-            "--soc",
-            "0.6",
-            "--json",
-        ]);
-        assert!(done, "{text}");
-        let found: Value = serde_json::from_str(&text).unwrap();
+        let found = simulated(folder.path(), model);
         (
             found["min_ccv_v"].as_f64().unwrap(),
             found["notes"].to_string(),
@@ -198,18 +184,9 @@ fn a_typed_model_holds_additions_as_a_model_file_does() {
     });
     std::fs::write(folder.path().join("typed.json"), typed.to_string()).unwrap();
     let lowest_v = |model: &str| {
-        let words = [
-            "simulate",
-            "--model",
-            model,
-            "--profile",
-            "pulse.csv",
-            "--soc",
-            "0.6",
-            "--json",
-        ];
-        let found = program_in(folder.path(), &words).json();
-        found["min_ccv_v"].as_f64().unwrap()
+        simulated(folder.path(), model)["min_ccv_v"]
+            .as_f64()
+            .unwrap()
     };
     assert_eq!(lowest_v("typed.json"), lowest_v("warm.json"));
     let lacking = json!({ "r_ohm": erm["r_ohm"], "branches": erm["branches"], "additions": additions, "facts": facts });
