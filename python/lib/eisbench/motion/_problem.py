@@ -66,13 +66,13 @@ class Options:
     toe: int = 4
     flight: int = 6
     landing: int = 8
-    double: int = 4
-    single: int = 8
     start: Optional[Motion] = None
     seed: Optional[int] = None
     reach_w: float = 100.0
     max_iterations: int = 500
     ipopt: dict[str, Any] = field(default_factory=dict[str, Any])
+    double: int = 4
+    single: int = 8
 
     def __post_init__(self) -> None:
         for name in (*HELD, "flight", "max_iterations"):
